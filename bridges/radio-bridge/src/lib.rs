@@ -1,0 +1,1 @@
+//! Commands and parameters in, radio bytes out; telemetry back.

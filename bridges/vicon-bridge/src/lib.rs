@@ -1,0 +1,1 @@
+//! Motion-capture bytes in, frames of poses out.

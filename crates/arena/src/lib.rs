@@ -1,0 +1,6 @@
+//! The front door's library: experiments in virtual time, their reports and pictures, and the supervisor of a live
+//! arena.
+
+pub mod director;
+pub mod experiment;
+pub mod report;

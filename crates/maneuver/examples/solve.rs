@@ -1,0 +1,1 @@
+fn main(){ maneuver::solve_probe(); }

@@ -1,0 +1,136 @@
+//! The final error as a function of five numbers, and its Jacobian, on a chosen grid of time.
+
+use crate::continuous;
+use crate::dynamics::{Coefficients, State};
+use crate::model::Model;
+use crate::parameters::{FinalError, FlipDesign, Parameters};
+use crate::planar::{FlipError, error_of};
+use crate::primitive::{Primitive, PrimitiveError};
+use crate::stress::Deviation;
+use crate::ticks::{self, Collective};
+
+/// Half the width of the central differences in U1 and U5, m/s².
+///
+/// Clipping and the rotors' two lags put kinks into F, and a Runge-Kutta step across a kink errs by up to a hundredth
+/// in the small entries of a derivative taken at a point. Differences this wide cross several steps and average
+/// that; they are still far below what a vehicle can distinguish.
+pub(crate) const DIFFERENCE_M_S2: f64 = 2e-3;
+
+/// Half the width of the central differences in T1, T3 and T5, s. See [`DIFFERENCE_M_S2`].
+pub(crate) const DIFFERENCE_S: f64 = 5e-5;
+
+/// How time is cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Grid {
+    /// Continuous model, so many Runge-Kutta steps per second.
+    Steps(f64),
+    /// The 800 Hz rate loop with averaged collective.
+    Ticks,
+}
+
+/// One flip to be solved.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Problem<'a> {
+    pub design: &'a FlipDesign,
+    coefficients: Coefficients,
+    alpha_l_m: f64,
+}
+
+/// F at one set of parameters, and what the Jacobian there can reuse.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Evaluation {
+    pub error: FinalError,
+    /// States where steps 3 and 4 begin. Steps 1 and 2 depend on neither T3, U5 nor T5, step 3 neither on U5 nor T5.
+    coast_begins: State<1>,
+    stop_begins: State<1>,
+}
+
+impl<'a> Problem<'a> {
+    pub fn new(model: &Model, design: &'a FlipDesign) -> Result<Self, FlipError> {
+        model.check()?;
+        design.envelope.check().map_err(PrimitiveError::from)?;
+        Ok(Self {
+            design,
+            coefficients: Coefficients::new(model, &Deviation::NONE),
+            alpha_l_m: model.alpha_l_m(),
+        })
+    }
+
+    fn primitive(&self, parameters: &[f64; 5]) -> Result<Primitive, PrimitiveError> {
+        Primitive::new(self.design, self.alpha_l_m, &Parameters::from_array(*parameters))
+    }
+
+    /// F of these parameters.
+    pub fn evaluate(&self, parameters: &[f64; 5], grid: Grid) -> Result<Evaluation, PrimitiveError> {
+        let primitive = self.primitive(parameters)?;
+        let mut state = State::hovering(&self.coefficients);
+        let (mut coast_begins, mut stop_begins) = (state, state);
+        match grid {
+            Grid::Ticks => {
+                ticks::fly(&self.coefficients, &mut state, &primitive, Collective::Averaged, |_, _| ());
+            }
+            Grid::Steps(steps_hz) => {
+                let primitives = [primitive];
+                for index in 0..5 {
+                    match index {
+                        2 => coast_begins = state,
+                        3 => stop_begins = state,
+                        _ => {}
+                    }
+                    continuous::fly_step(&self.coefficients, &mut state, &primitives, index, steps_hz, |_, _| ());
+                }
+            }
+        }
+        let error = error_of(&state, 0, self.design.turn_rad());
+        Ok(Evaluation { error, coast_begins, stop_begins })
+    }
+
+    /// J at these parameters, whose evaluation on the same grid is `here`: rows x, z, vx, vz, theta, columns U1, T1,
+    /// T3, U5, T5.
+    pub fn jacobian(
+        &self,
+        parameters: &[f64; 5],
+        here: &Evaluation,
+        grid: Grid,
+    ) -> Result<[[f64; 5]; 5], PrimitiveError> {
+        let mut jacobian = [[0.0; 5]; 5];
+        for column in 0..5 {
+            let width = if column == 0 || column == 3 { DIFFERENCE_M_S2 } else { DIFFERENCE_S };
+            let (mut above, mut below) = (*parameters, *parameters);
+            above[column] += width;
+            below[column] -= width;
+            let [above, below] = match grid {
+                Grid::Ticks => [self.evaluate(&above, grid)?.error, self.evaluate(&below, grid)?.error],
+                Grid::Steps(steps_hz) => {
+                    let pair = [self.primitive(&above)?, self.primitive(&below)?];
+                    let (first, state) = match column {
+                        0 | 1 => (0, State::hovering(&self.coefficients)),
+                        2 => (2, State::like(&here.coast_begins)),
+                        _ => (3, State::like(&here.stop_begins)),
+                    };
+                    self.finish(&pair, first, state, steps_hz)
+                }
+            };
+            let (above, below) = (above.to_array(), below.to_array());
+            for row in 0..5 {
+                jacobian[row][column] = (above[row] - below[row]) / (2.0 * width);
+            }
+        }
+        Ok(jacobian)
+    }
+
+    /// Flies two flips side by side from the start of step `first` (0 to 4).
+    fn finish(
+        &self,
+        pair: &[Primitive; 2],
+        first: usize,
+        mut state: State<2>,
+        steps_hz: f64,
+    ) -> [FinalError; 2] {
+        for index in first..5 {
+            continuous::fly_step(&self.coefficients, &mut state, pair, index, steps_hz, |_, _| ());
+        }
+        let turn_rad = self.design.turn_rad();
+        [error_of(&state, 0, turn_rad), error_of(&state, 1, turn_rad)]
+    }
+}

@@ -1,0 +1,1 @@
+//! The vehicle's firmware: rate loops, mixer, command generator, parameter store, failsafe.

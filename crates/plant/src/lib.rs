@@ -1,0 +1,1 @@
+//! The physics: vehicles, rotors, battery, cameras and radio links; speaks device bytes.

@@ -1,0 +1,18 @@
+//! What a service is: a [`Core`] without I/O, and the [`Node`] that puts it on the bus.
+//!
+//! A core sees decoded messages and an explicit `now`. Its node authenticates and decodes what comes, numbers,
+//! encodes and seals what goes, and counts everything it drops. Neither owns a clock or a socket: a *driver* does
+//! (`service-shell` live, `virtual-arena` in virtual time).
+
+mod core;
+mod node;
+mod ports;
+mod publisher;
+
+pub use crate::core::{Core, Event, Inbound, Outbound, Outbox, Seed, Start};
+pub use node::{AnyNode, Identity, Node, Published, Sink};
+pub use publisher::{Publisher, source_of};
+#[doc(hidden)]
+pub use schemas::Topic;
+#[doc(hidden)]
+pub use wire::{DecodeError, EncodeError, decode, encode};

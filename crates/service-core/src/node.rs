@@ -1,0 +1,304 @@
+//! A core on the bus: what comes is authenticated, filtered and decoded; what goes is numbered, encoded and sealed.
+
+use quantity::{Span, Time};
+use reflect::Text;
+use schemas::{DeviceBytes, NodeEvent, NodeHealth, Severity, Topic, topics};
+use settings::{Arena, ConfigError};
+use wire::{Counters, Domain, DropReason, Keyring, Kind, Role, Secret, Windows};
+
+use crate::publisher::{COMMON_TOPICS, Publisher};
+use crate::{Core, Event, Inbound, Outbound, Outbox, Seed, Start};
+
+/// How often definitions and health are announced.
+const ANNOUNCE_PERIOD: Span = Span::from_secs(1);
+
+/// Who a node is, besides its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Which node instance.
+    pub source: u32,
+    /// Rises at each start of this instance.
+    pub incarnation: u32,
+    /// Where its messages' truth comes from.
+    pub domain: Domain,
+    /// The arena's run.
+    pub run: u64,
+    /// Seed of everything random in it.
+    pub seed: Seed,
+}
+
+/// A datagram at the moment it is sent.
+#[derive(Clone, Copy, Debug)]
+pub struct Published<'a> {
+    /// Its topic.
+    pub topic: &'static Topic,
+    /// Data, or the topic's definition.
+    pub kind: Kind,
+    /// All of it, as it goes on the bus.
+    pub datagram: &'a [u8],
+    /// Its body.
+    pub body: &'a [u8],
+}
+
+impl Published<'_> {
+    /// Whether it is a message, not a definition.
+    #[must_use]
+    pub fn is_data(&self) -> bool {
+        self.kind == Kind::Data
+    }
+}
+
+/// Where a node's datagrams go.
+pub type Sink<'a> = dyn FnMut(Published<'_>) + 'a;
+
+/// A node whose core's type is forgotten: what drivers hold.
+pub trait AnyNode {
+    /// The service's name.
+    fn name(&self) -> &'static str;
+
+    /// The topics its core consumes; one that it writes itself carries the bytes of its devices.
+    fn topics_in(&self) -> &'static [&'static Topic];
+
+    /// The topics its core produces.
+    fn topics_out(&self) -> &'static [&'static Topic];
+
+    /// When to call [`AnyNode::wake`] at the latest.
+    fn deadline(&self) -> Option<Time>;
+
+    /// Does what is due: the core's deadline, announcements, health.
+    fn wake(&mut self, now: Time, sink: &mut Sink<'_>);
+
+    /// Takes a datagram from the bus.
+    ///
+    /// # Errors
+    /// Why it was dropped; it has been counted.
+    fn receive(&mut self, now: Time, datagram: &[u8], sink: &mut Sink<'_>) -> Result<(), DropReason>;
+
+    /// Takes bytes from the node's own device: publishes them under the node's name, so that they are recorded, and
+    /// steps the core with them.
+    fn inject(&mut self, now: Time, topic: &'static Topic, bytes: DeviceBytes, sink: &mut Sink<'_>);
+
+    /// Tells the node that the kernel has dropped datagrams meant for it.
+    fn overflowed(&mut self, datagrams: u64);
+
+    /// What was accepted and dropped so far.
+    fn counters(&self) -> &Counters;
+
+    /// Steps of the core so far.
+    fn steps(&self) -> u64;
+}
+
+/// What a datagram turned out to be.
+enum Taken<I> {
+    /// Something for the core.
+    Input(I),
+    /// Somebody asks for definitions.
+    SchemaRequest,
+    /// Not for this node, and no fault of anybody.
+    Elsewhere,
+}
+
+/// A core and everything between it and the bus.
+#[derive(Debug)]
+pub struct Node<C: Core> {
+    core: C,
+    outbox: Outbox<C::Output>,
+    publisher: Publisher,
+    keyring: Keyring,
+    windows: Windows,
+    counters: Counters,
+    device_body: Vec<u8>,
+    started_at: Time,
+    announce_at: Time,
+    steps: u64,
+    overflowed: u64,
+}
+
+impl<C: Core> Node<C> {
+    /// Starts a service.
+    ///
+    /// # Errors
+    /// A setting its core cannot work with.
+    pub fn new(arena: &Arena, secret: &Secret, identity: Identity, now: Time) -> Result<Self, ConfigError> {
+        let tuning = arena.section(C::NAME)?;
+        let start = Start { at: now, seed: identity.seed, incarnation: identity.incarnation };
+        let reads = C::Input::topics().iter().map(|topic| Role::of(Kind::Data, topic.writer));
+        let keyring = Keyring::new(secret, identity.domain, identity.run, Role(C::NAME), reads);
+        Ok(Self {
+            core: C::new(arena, tuning, start)?,
+            outbox: Outbox::default(),
+            publisher: Publisher::new(C::NAME, secret, identity),
+            keyring,
+            windows: Windows::new(),
+            counters: Counters::default(),
+            device_body: Vec::new(),
+            started_at: now,
+            announce_at: now,
+            steps: 0,
+            overflowed: 0,
+        })
+    }
+
+    /// The core, for tests and tools.
+    #[must_use]
+    pub fn core(&self) -> &C {
+        &self.core
+    }
+
+    /// The core, for whoever gives it orders from outside the bus.
+    pub fn core_mut(&mut self) -> &mut C {
+        &mut self.core
+    }
+
+    fn step(&mut self, now: Time, event: Event<C::Input>, sink: &mut Sink<'_>) {
+        self.steps += 1;
+        self.core.step(now, event, &mut self.outbox);
+        for message in self.outbox.take_messages() {
+            if let Err(error) = self.publisher.publish_output(now, &message, sink) {
+                // A core that says something unsayable has a bug, but the vehicles fly on.
+                let topic = message.topic().name;
+                debug_assert!(false, "{} cannot say {topic}: {error}", C::NAME);
+                let event = NodeEvent {
+                    severity: Severity::Fault,
+                    vehicle: 0,
+                    at: now,
+                    node: Text::truncated(C::NAME),
+                    name: Text::truncated("message-unsayable"),
+                    detail: Text::truncated(&format!("{topic}: {error}")),
+                };
+                let _ = self.publisher.publish(now, &topics::NODE_EVENT, &event, sink);
+            }
+        }
+        for mut event in self.outbox.take_events() {
+            event.node = Text::truncated(C::NAME);
+            // An event holds no floats and bounded texts: the codec has nothing to refuse.
+            let _ = self.publisher.publish(now, &topics::NODE_EVENT, &event, sink);
+        }
+    }
+
+    /// From a datagram to an input, each check in its order.
+    fn take(&mut self, datagram: &[u8]) -> Result<Taken<C::Input>, DropReason> {
+        let opened = wire::open(datagram)?;
+        if opened.claimed().kind == Kind::SchemaRequest {
+            let key = self.keyring.verify_key(Role::NODE).ok_or(DropReason::Unauthentic)?;
+            opened.verify(key)?.fresh(&mut self.windows)?;
+            return Ok(Taken::SchemaRequest);
+        }
+        let topics = C::Input::topics();
+        let hash = opened.topic().hash();
+        // The kernel's filter compares hashes only: another topic of the same hash is not for us, and no fault.
+        let index = topics.iter().position(|topic| topic.hash == hash && topic.name == opened.topic().name());
+        let Some(index) = index.filter(|_| opened.claimed().kind == Kind::Data) else {
+            return Ok(Taken::Elsewhere);
+        };
+        let topic = topics[index];
+        let key = self.keyring.verify_key(Role::of(Kind::Data, topic.writer)).ok_or(DropReason::Unauthentic)?;
+        let fresh = opened.verify(key)?.fresh(&mut self.windows)?;
+        if fresh.header().schema_id != topic.schema_id() {
+            return Err(DropReason::Undecodable);
+        }
+        Ok(Taken::Input(C::Input::decode(index, fresh.body())?))
+    }
+
+    fn announce(&mut self, now: Time, sink: &mut Sink<'_>) {
+        self.publisher.announce(now, C::Output::topics(), sink);
+        self.publisher.announce(now, COMMON_TOPICS, sink);
+        let health = self.health();
+        // Health holds no floats and bounded texts: the codec has nothing to refuse.
+        let _ = self.publisher.publish(now, &topics::NODE_HEALTH, &health, sink);
+    }
+
+    fn health(&self) -> NodeHealth {
+        let counters = &self.counters;
+        NodeHealth {
+            node: Text::truncated(C::NAME),
+            started_at: self.started_at,
+            steps: self.steps,
+            published: self.publisher.published(),
+            accepted: counters.accepted,
+            dropped_malformed: counters.dropped(DropReason::Malformed),
+            dropped_unauthentic: counters.dropped(DropReason::Unauthentic),
+            dropped_domain: counters.dropped(DropReason::Domain),
+            dropped_run: counters.dropped(DropReason::Run),
+            dropped_replayed: counters.dropped(DropReason::Replayed),
+            dropped_undecodable: counters.dropped(DropReason::Undecodable),
+            lost: self.windows.lost_total(),
+            overflowed: self.overflowed,
+        }
+    }
+}
+
+impl<C: Core> AnyNode for Node<C> {
+    fn name(&self) -> &'static str {
+        C::NAME
+    }
+
+    fn topics_in(&self) -> &'static [&'static Topic] {
+        C::Input::topics()
+    }
+
+    fn topics_out(&self) -> &'static [&'static Topic] {
+        C::Output::topics()
+    }
+
+    fn deadline(&self) -> Option<Time> {
+        Some(self.core.deadline().map_or(self.announce_at, |at| at.min(self.announce_at)))
+    }
+
+    fn wake(&mut self, now: Time, sink: &mut Sink<'_>) {
+        if self.core.deadline().is_some_and(|at| at <= now) {
+            self.step(now, Event::Deadline, sink);
+        }
+        if self.announce_at <= now {
+            self.announce_at = now + ANNOUNCE_PERIOD;
+            self.announce(now, sink);
+        }
+    }
+
+    fn receive(&mut self, now: Time, datagram: &[u8], sink: &mut Sink<'_>) -> Result<(), DropReason> {
+        match self.take(datagram) {
+            Ok(Taken::Input(input)) => {
+                self.counters.accepted += 1;
+                self.step(now, Event::Input(input), sink);
+                Ok(())
+            }
+            Ok(Taken::SchemaRequest) => {
+                self.counters.accepted += 1;
+                self.publisher.announce(now, C::Output::topics(), sink);
+                self.publisher.announce(now, COMMON_TOPICS, sink);
+                Ok(())
+            }
+            Ok(Taken::Elsewhere) => Ok(()),
+            Err(reason) => {
+                self.counters.count(reason);
+                Err(reason)
+            }
+        }
+    }
+
+    fn inject(&mut self, now: Time, topic: &'static Topic, bytes: DeviceBytes, sink: &mut Sink<'_>) {
+        let Some(index) = C::Input::topics().iter().position(|candidate| *candidate == topic) else { return };
+        let mut body = std::mem::take(&mut self.device_body);
+        body.clear();
+        if wire::encode(&bytes, &mut body).is_ok() {
+            self.publisher.publish_body(now, topic, &body, sink);
+            // Decoded from the very bytes that are recorded: a replay feeds the core the same.
+            if let Ok(input) = C::Input::decode(index, &body) {
+                self.step(now, Event::Input(input), sink);
+            }
+        }
+        self.device_body = body;
+    }
+
+    fn overflowed(&mut self, datagrams: u64) {
+        self.overflowed += datagrams;
+    }
+
+    fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    fn steps(&self) -> u64 {
+        self.steps
+    }
+}

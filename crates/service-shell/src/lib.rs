@@ -1,0 +1,1 @@
+//! What gives a core its clock, its sockets and its devices.

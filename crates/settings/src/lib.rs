@@ -1,0 +1,26 @@
+//! Settings: TOML files in one folder, inherited once, validated once, unknown keys refused.
+//!
+//! [`Arena::load`] reads the folder and returns everything resolved; the simulator, the controller and the learner
+//! read the same values. A wrong setting names its file, its key and both values ([`ConfigError`]).
+
+mod arena;
+mod error;
+mod hall;
+mod network;
+mod plant;
+mod ports;
+mod read;
+mod scenario;
+mod vehicle;
+
+pub use arena::{Arena, FleetVehicle};
+pub use error::ConfigError;
+pub use hall::Hall;
+pub use network::{Devices, Endpoint, Network};
+pub use plant::{
+    AccelerometerSettings, AirSettings, BatterySettings, BodySettings, CameraSettings, ClockSettings, FloorSettings,
+    GyroSettings, LinkSettings, PlantSettings, RotorPlantSettings,
+};
+pub use ports::Ports;
+pub use scenario::{FlipSettings, Scenario, ScenarioVehicle};
+pub use vehicle::{Airframe, Battery, Integral, Links, RateLoop, Rotor, Vehicle};

@@ -1,0 +1,1 @@
+//! Where each vehicle is, and where it will be when a command takes effect.

@@ -1,0 +1,266 @@
+//! The flip manager's section of `services.toml`.
+
+use serde::Deserialize;
+use settings::ConfigError;
+
+/// `[flip-manager]`: all of it has defaults.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Tuning {
+    /// What must hold before a flip begins.
+    pub gate: GateTuning,
+    /// Repetitions and patience.
+    pub timing: TimingTuning,
+    /// What ends a flip early.
+    pub watch: WatchTuning,
+    /// How a flip's end is recovered from motion capture.
+    pub measure: MeasureTuning,
+    /// The battery's voltage at rest.
+    pub battery: BatteryTuning,
+}
+
+/// `[flip-manager.gate]`: what must hold before a flip begins (hazard H13 of the safety notes).
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GateTuning {
+    /// Greatest distance from the place of the scenario.
+    pub place_m_max: f64,
+    /// The speed must be under this.
+    pub speed_m_s_max: f64,
+    /// The tilt must be under this.
+    pub tilt_rad_max: f64,
+    /// The body rate must be under this.
+    pub rate_rad_s_max: f64,
+    /// The estimate must be younger than this.
+    pub state_age_s_max: f64,
+    /// The vehicle's report must be younger than this.
+    pub telemetry_age_s_max: f64,
+    /// Least height above the floor.
+    pub height_m_min: f64,
+    /// Least height left when the worst of the learner's perturbed models comes true.
+    pub floor_reserve_m_min: f64,
+    /// Least distance to the net above.
+    pub ceiling_m_min: f64,
+    /// Least distance to the walls in the plane of the flip, both ways.
+    pub wall_in_plane_m_min: f64,
+    /// Least distance to the walls across the plane of the flip, both ways.
+    pub wall_across_m_min: f64,
+    /// Least horizontal distance to every other vehicle.
+    pub neighbour_m_min: f64,
+    /// How long place, speed, tilt, rate and data age must have held.
+    pub steady_s: f64,
+}
+
+impl Default for GateTuning {
+    fn default() -> Self {
+        Self {
+            place_m_max: 0.10,
+            speed_m_s_max: 0.2,
+            tilt_rad_max: 0.087_266,
+            rate_rad_s_max: 0.5,
+            state_age_s_max: 0.025,
+            telemetry_age_s_max: 0.5,
+            height_m_min: 4.0,
+            floor_reserve_m_min: 1.5,
+            ceiling_m_min: 2.0,
+            wall_in_plane_m_min: 3.0,
+            wall_across_m_min: 1.5,
+            neighbour_m_min: 3.0,
+            steady_s: 0.5,
+        }
+    }
+}
+
+/// `[flip-manager.timing]`: repetitions and patience.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TimingTuning {
+    /// How often the phases are worked through.
+    pub tick_s: f64,
+    /// How often goal and status are repeated.
+    pub speak_s: f64,
+    /// How often a result is repeated until the learner's answer is heard.
+    pub result_repeat_s: f64,
+    /// A standing order not repeated for this long counts as "land".
+    pub order_timeout_s: f64,
+    /// An upload without the vehicle's echo is repeated after this.
+    pub upload_repeat_s: f64,
+    /// So many uploads without an echo, and the vehicle lands.
+    pub upload_attempts_max: u32,
+    /// How often a start is repeated until the vehicle reports it.
+    pub start_repeat_s: f64,
+    /// Each start is void after this, so that none outlives the gate it was given in.
+    pub start_validity_s: f64,
+    /// A start is not repeated for longer.
+    pub start_s_max: f64,
+    /// A flip without news is given up this long after its planned end.
+    pub end_grace_s: f64,
+    /// A vehicle that cannot begin its next flip for this long lands.
+    pub patience_s: f64,
+    /// A flying vehicle that is silent for this long lands.
+    pub silence_s_max: f64,
+}
+
+impl Default for TimingTuning {
+    fn default() -> Self {
+        Self {
+            tick_s: 0.01,
+            speak_s: 0.1,
+            result_repeat_s: 1.0,
+            order_timeout_s: 3.0,
+            upload_repeat_s: 1.0,
+            upload_attempts_max: 10,
+            start_repeat_s: 0.05,
+            start_validity_s: 0.15,
+            start_s_max: 0.5,
+            end_grace_s: 1.0,
+            patience_s: 60.0,
+            silence_s_max: 10.0,
+        }
+    }
+}
+
+/// `[flip-manager.watch]`: what ends a flip early, and when a vehicle counts as recovered from one.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WatchTuning {
+    /// A flip that sinks below this height is ended.
+    pub height_m_min: f64,
+    /// A flip that leaves the hall less this margin is ended.
+    pub wall_m_min: f64,
+    /// A flip nobody sees for this long is ended.
+    pub blind_s_max: f64,
+    /// Recovered: nearer to its place than this.
+    pub recovered_place_m_max: f64,
+    /// Recovered: slower than this.
+    pub recovered_speed_m_s_max: f64,
+    /// Recovered: more level than this.
+    pub recovered_tilt_rad_max: f64,
+}
+
+impl Default for WatchTuning {
+    fn default() -> Self {
+        Self {
+            height_m_min: 1.0,
+            wall_m_min: 0.5,
+            blind_s_max: 0.2,
+            recovered_place_m_max: 0.5,
+            recovered_speed_m_s_max: 0.5,
+            recovered_tilt_rad_max: 0.26,
+        }
+    }
+}
+
+/// `[flip-manager.measure]`: how a flip's end is recovered from motion capture.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MeasureTuning {
+    /// Positions this far on either side of an instant are fitted.
+    pub position_window_s: f64,
+    /// Attitudes this far on either side of an instant are fitted.
+    pub attitude_window_s: f64,
+    /// Least number of poses on each side of an instant.
+    pub poses_min: u32,
+    /// Poses are kept for this long.
+    pub history_s: f64,
+    /// So long after the end the poses must have arrived.
+    pub wait_s_max: f64,
+    /// Begin and end as reported may differ from the planned duration by this much.
+    pub duration_error_s_max: f64,
+    /// The fit of the vehicle's clock may be this uncertain.
+    pub clock_uncertainty_s_max: f64,
+}
+
+impl Default for MeasureTuning {
+    fn default() -> Self {
+        Self {
+            position_window_s: 0.04,
+            attitude_window_s: 0.02,
+            poses_min: 3,
+            history_s: 6.0,
+            wait_s_max: 0.4,
+            duration_error_s_max: 0.02,
+            clock_uncertainty_s_max: 0.05,
+        }
+    }
+}
+
+/// `[flip-manager.battery]`: from the voltage under load to the voltage at rest.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BatteryTuning {
+    /// Voltage a hover costs.
+    pub hover_sag_v: f64,
+    /// Time constant of the smoothing.
+    pub smoothing_s: f64,
+}
+
+impl Default for BatteryTuning {
+    fn default() -> Self {
+        Self { hover_sag_v: 0.3, smoothing_s: 1.0 }
+    }
+}
+
+impl Tuning {
+    /// Refuses what cannot be flown with.
+    ///
+    /// # Errors
+    /// The first number outside its range.
+    pub(crate) fn check(&self) -> Result<(), ConfigError> {
+        let Self { gate, timing, watch, measure, battery } = self;
+        for (key, value, min, max) in [
+            ("gate.place_m_max", gate.place_m_max, 0.01, 1.0),
+            ("gate.speed_m_s_max", gate.speed_m_s_max, 0.01, 1.0),
+            ("gate.tilt_rad_max", gate.tilt_rad_max, 0.01, 0.5),
+            ("gate.rate_rad_s_max", gate.rate_rad_s_max, 0.01, 5.0),
+            ("gate.state_age_s_max", gate.state_age_s_max, 0.001, 0.1),
+            ("gate.telemetry_age_s_max", gate.telemetry_age_s_max, 0.01, 5.0),
+            ("gate.height_m_min", gate.height_m_min, 1.0, 100.0),
+            ("gate.floor_reserve_m_min", gate.floor_reserve_m_min, 0.5, 100.0),
+            ("gate.ceiling_m_min", gate.ceiling_m_min, 0.5, 100.0),
+            ("gate.wall_in_plane_m_min", gate.wall_in_plane_m_min, 0.5, 100.0),
+            ("gate.wall_across_m_min", gate.wall_across_m_min, 0.5, 100.0),
+            ("gate.neighbour_m_min", gate.neighbour_m_min, 0.5, 100.0),
+            ("gate.steady_s", gate.steady_s, 0.0, 60.0),
+            ("timing.tick_s", timing.tick_s, 0.001, 0.05),
+            ("timing.speak_s", timing.speak_s, 0.01, 1.0),
+            ("timing.result_repeat_s", timing.result_repeat_s, 0.05, 60.0),
+            ("timing.order_timeout_s", timing.order_timeout_s, 0.5, 60.0),
+            ("timing.upload_repeat_s", timing.upload_repeat_s, 0.05, 60.0),
+            ("timing.upload_attempts_max", f64::from(timing.upload_attempts_max), 1.0, 1000.0),
+            ("timing.start_repeat_s", timing.start_repeat_s, 0.01, 1.0),
+            ("timing.start_validity_s", timing.start_validity_s, 0.02, 1.0),
+            ("timing.start_s_max", timing.start_s_max, 0.02, 5.0),
+            ("timing.end_grace_s", timing.end_grace_s, 0.1, 60.0),
+            ("timing.patience_s", timing.patience_s, 1.0, 3600.0),
+            ("timing.silence_s_max", timing.silence_s_max, 0.5, 3600.0),
+            ("watch.height_m_min", watch.height_m_min, 0.2, 100.0),
+            ("watch.wall_m_min", watch.wall_m_min, 0.0, 50.0),
+            ("watch.blind_s_max", watch.blind_s_max, 0.02, 5.0),
+            ("watch.recovered_place_m_max", watch.recovered_place_m_max, gate.place_m_max, 10.0),
+            ("watch.recovered_speed_m_s_max", watch.recovered_speed_m_s_max, gate.speed_m_s_max, 5.0),
+            ("watch.recovered_tilt_rad_max", watch.recovered_tilt_rad_max, gate.tilt_rad_max, 1.5),
+            ("measure.position_window_s", measure.position_window_s, 0.01, 0.5),
+            ("measure.attitude_window_s", measure.attitude_window_s, 0.01, 0.5),
+            ("measure.poses_min", f64::from(measure.poses_min), 3.0, 100.0),
+            ("measure.history_s", measure.history_s, 3.0, 60.0),
+            ("measure.wait_s_max", measure.wait_s_max, measure.position_window_s, 5.0),
+            ("measure.duration_error_s_max", measure.duration_error_s_max, 0.001, 1.0),
+            ("measure.clock_uncertainty_s_max", measure.clock_uncertainty_s_max, 0.001, 1.0),
+            ("battery.hover_sag_v", battery.hover_sag_v, 0.0, 10.0),
+            ("battery.smoothing_s", battery.smoothing_s, 0.01, 100.0),
+        ] {
+            // Not `<` and `>`: what is not a number must be refused too.
+            if !(min..=max).contains(&value) {
+                return Err(ConfigError::OutOfRange {
+                    file: "services.toml".to_owned(),
+                    key: format!("[flip-manager] {key}"),
+                    value,
+                    min,
+                    max,
+                });
+            }
+        }
+        Ok(())
+    }
+}

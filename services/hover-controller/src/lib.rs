@@ -1,0 +1,1 @@
+//! Take-off, hover, recovery and landing.

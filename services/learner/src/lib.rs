@@ -1,0 +1,1 @@
+//! Learns a flip from how the last one ended.

@@ -1,0 +1,1 @@
+//! The plant in real time, speaking device bytes.
