@@ -40,7 +40,7 @@ pub mod topics {
         MOCAP_FRAME: MocapFrame = "mocap/frame", by "vicon-bridge", for ["estimator", "flip-manager"], at 200;
         /// Estimates and predictions.
         VEHICLE_STATE: VehicleState = "vehicle/state", by "estimator",
-            for ["hover-controller", "flip-manager"], at 200;
+            for ["hover-controller", "flip-manager", "arena"], at 200;
         /// Commands.
         VEHICLE_COMMAND: VehicleCommand = "vehicle/command", by "hover-controller", for ["radio-bridge"], at 200;
         /// What went out in each radio slot.
@@ -60,7 +60,7 @@ pub mod topics {
         MANEUVER_PARAMETERS: ManeuverParameters = "maneuver/parameters", by "learner",
             for ["flip-manager"], at 2;
         /// How each flip ended.
-        MANEUVER_RESULT: ManeuverResult = "maneuver/result", by "flip-manager", for ["learner"], at 1;
+        MANEUVER_RESULT: ManeuverResult = "maneuver/result", by "flip-manager", for ["learner", "arena"], at 1;
         /// What the flip manager is doing.
         FLIP_STATUS: FlipStatus = "maneuver/status", by "flip-manager", for ["arena"], at 10;
         /// Bytes to the radios.
@@ -74,9 +74,9 @@ pub mod topics {
         /// How each node fares.
         NODE_HEALTH: NodeHealth = "node/health", by "*", for ["arena"], at 1;
         /// The truth, where there is a simulator to know it.
-        PLANT_TRUTH: PlantTruth = "plant/truth", by "simulator", for ["arena"], at 50;
+        PLANT_TRUTH: PlantTruth = "plant/truth", by "simulator", for [], at 50;
         /// How maneuvers truly ended.
-        PLANT_MANEUVER: PlantManeuver = "plant/maneuver", by "simulator", for ["arena"], at 1;
+        PLANT_MANEUVER: PlantManeuver = "plant/maneuver", by "simulator", for [], at 1;
     }
 
     /// The topic of that name.

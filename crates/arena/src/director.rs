@@ -1,25 +1,14 @@
-//! The front door's own node: repeats the order that stands, and hears how the arena fares.
+//! The front door's own voice on the bus: repeats the order that stands.
 
 use quantity::{Span, Time};
-use schemas::{ArenaOrder, FlipStatus, NodeEvent, NodeHealth, OrderKind, PlantManeuver, PlantTruth, topics};
+use schemas::{ArenaOrder, OrderKind, topics};
 use serde::Deserialize;
 use service_core::{Core, Event, Outbox, Start};
 use settings::{Arena, ConfigError};
 
 service_core::inputs! {
-    /// What the front door hears.
-    pub enum Input {
-        /// What the flip manager is doing.
-        Status(FlipStatus) = topics::FLIP_STATUS,
-        /// Faults and turns of events.
-        Event(NodeEvent) = topics::NODE_EVENT,
-        /// How each node fares.
-        Health(NodeHealth) = topics::NODE_HEALTH,
-        /// The truth, in simulation.
-        Truth(PlantTruth) = topics::PLANT_TRUTH,
-        /// How maneuvers truly ended, in simulation.
-        Maneuver(PlantManeuver) = topics::PLANT_MANEUVER,
-    }
+    /// The director hears nothing: orders depend on people alone.
+    pub enum Input {}
 }
 
 service_core::outputs! {
@@ -30,8 +19,8 @@ service_core::outputs! {
     }
 }
 
-/// The director has no settings of its own.
-#[derive(Clone, Debug, Default, Deserialize)]
+/// The front door has no settings of its own.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tuning {}
 
@@ -39,17 +28,36 @@ pub struct Tuning {}
 const ORDER_PERIOD: Span = Span::from_millis(500);
 
 /// Repeats one order.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Director {
     order: ArenaOrder,
     next_at: Time,
 }
 
 impl Director {
+    /// The director who ordered `kind` at `now`.
+    #[must_use]
+    pub fn ordering(now: Time, kind: OrderKind) -> Self {
+        Self { order: ArenaOrder { kind, given_at: now }, next_at: now }
+    }
+
     /// Gives another order, from now on.
     pub fn order(&mut self, now: Time, kind: OrderKind) {
-        self.order = ArenaOrder { kind, given_at: now };
-        self.next_at = now;
+        *self = Self::ordering(now, kind);
+    }
+
+    /// When the order is to be repeated.
+    #[must_use]
+    pub fn next_at(&self) -> Time {
+        self.next_at
+    }
+
+    /// The order, if it is time to repeat it.
+    pub fn due(&mut self, now: Time) -> Option<ArenaOrder> {
+        (now >= self.next_at).then(|| {
+            self.next_at = now + ORDER_PERIOD;
+            self.order
+        })
     }
 }
 
@@ -60,18 +68,16 @@ impl Core for Director {
     type Output = Output;
 
     fn new(_arena: &Arena, _tuning: Tuning, start: Start) -> Result<Self, ConfigError> {
-        Ok(Self { order: ArenaOrder { kind: OrderKind::Fly, given_at: start.at }, next_at: start.at })
+        Ok(Self::ordering(start.at, OrderKind::Fly))
     }
 
     fn deadline(&self) -> Option<Time> {
         Some(self.next_at)
     }
 
-    fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
-        // What it hears is for whoever watches the bus beside it; orders depend on people alone.
-        if event == Event::Deadline && now >= self.next_at {
-            self.next_at = now + ORDER_PERIOD;
-            out.publish(self.order);
+    fn step(&mut self, now: Time, _event: Event<Input>, out: &mut Outbox<Output>) {
+        if let Some(order) = self.due(now) {
+            out.publish(order);
         }
     }
 }

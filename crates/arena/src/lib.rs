@@ -3,4 +3,7 @@
 
 pub mod director;
 pub mod experiment;
+pub mod figures;
+pub mod pictures;
 pub mod report;
+pub mod supervisor;

@@ -14,7 +14,7 @@ const RESYNCHRONISE_STEPS: u32 = 64;
 /// Flies step `index` (0 to 4) of one primitive per lane, cut into `ceil(steps_hz * T)` parts, and calls `observe`
 /// after each part with the time since the maneuver's start in the first lane, s.
 pub(crate) fn fly_step<const N: usize>(
-    coefficients: &Coefficients,
+    c: &Coefficients,
     state: &mut State<N>,
     primitives: &[Primitive; N],
     index: usize,
@@ -24,7 +24,7 @@ pub(crate) fn fly_step<const N: usize>(
     let step = |lane: usize| &primitives[lane].steps()[index];
     let counts: [u32; N] = array::from_fn(|lane| math::ceil(steps_hz * step(lane).duration_s) as u32);
     let h = Lanes(array::from_fn(|lane| step(lane).duration_s / f64::from(counts[lane].max(1))));
-    let share = Lanes(array::from_fn(|lane| step(lane).collective_m_s2 * coefficients.share));
+    let share = Lanes(array::from_fn(|lane| step(lane).collective_m_s2 * c.share));
     let start_rate = Lanes(array::from_fn(|lane| primitives[lane].start_rate_rad_s(index)));
     let slope = h * Lanes(array::from_fn(|lane| step(lane).angular_acceleration_rad_s2));
     let fewest = counts.iter().copied().min().unwrap_or(0);
@@ -42,14 +42,23 @@ pub(crate) fn fly_step<const N: usize>(
         let wanted = |parts: f64| start_rate + slope * parts;
         let part = f64::from(part);
         let rates = [wanted(part), wanted(part + 0.5), wanted(part + 1.0)];
-        let before = state.integral;
-        state.advance(coefficients, h, |stage, gyro, integral| {
-            let rate_error = rates[stage] - gyro;
-            let (thrust_a, thrust_b) = coefficients.commanded(share, rate_error, integral);
-            Command { rate_error, thrust_a, thrust_b }
+        // Eqs. (7) to (9), what does not depend on the state added up beforehand.
+        let shares = rates.map(|rate| {
+            let proportional = rate * c.proportional;
+            [share + proportional, share - proportional]
         });
-        let rate_error = rates[2] - state.rate * coefficients.gyro;
-        state.integral = coefficients.admitted(share, rate_error, before, state.integral);
+        let before = state.integral;
+        state.advance(c, h, |stage, rate, integral| {
+            let gyro = rate * (c.gyro * c.proportional);
+            let integral = integral * c.integral;
+            Command {
+                rate_error: rates[stage] - rate * c.gyro,
+                thrust_a: c.clipped((shares[stage][0] + integral) - gyro),
+                thrust_b: c.clipped((shares[stage][1] - integral) + gyro),
+            }
+        });
+        let rate_error = rates[2] - state.rate * c.gyro;
+        state.integral = c.admitted(share, rate_error, before, state.integral);
         observe(primitives[0].start_s(index) + h.0[0] * (part + 1.0), state);
     }
 }

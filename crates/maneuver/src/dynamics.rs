@@ -96,24 +96,10 @@ impl Coefficients {
         }
     }
 
-    /// Commanded thrusts of a and b. // Lupashin 2010, eqs. (7) to (9).
+    /// Thrusts kept within what is ever commanded.
     #[inline(always)]
-    pub fn commanded<const N: usize>(
-        &self,
-        share: Lanes<N>,
-        rate_error: Lanes<N>,
-        integral: Lanes<N>,
-    ) -> (Lanes<N>, Lanes<N>) {
-        let difference = rate_error * self.proportional + integral * self.integral;
-        let clip = |thrust: Lanes<N>| thrust.at_least(self.thrust_min).at_most(self.thrust_max);
-        (clip(share + difference), clip(share - difference))
-    }
-
-    /// Slope of a thrust that misses its command by so much. // Lupashin 2010, eq. (6).
-    #[inline(always)]
-    fn lag<const N: usize>(&self, missing: Lanes<N>) -> Lanes<N> {
-        // Without a branch, which would be mispredicted at every change of direction.
-        missing.at_least(0.0) * self.gain_up + missing.at_most(0.0) * self.gain_down
+    pub fn clipped<const N: usize>(&self, thrust: Lanes<N>) -> Lanes<N> {
+        thrust.at_least(self.thrust_min).at_most(self.thrust_max)
     }
 
     /// The integral after a step that began with `before` and would end with `after`, by the model's rule.
@@ -135,7 +121,7 @@ impl Coefficients {
                 let (before, after) = (before.0[lane], after.0[lane]);
                 let proportional = rate_error.0[lane] * self.proportional;
                 let room = self.room(share.0[lane]);
-                if rate_error.0[lane] > 0.0 {
+                if after > before {
                     after.min(before.max((room - proportional) / self.integral))
                 } else {
                     after.max(before.min((-room - proportional) / self.integral))
@@ -210,21 +196,22 @@ impl<const N: usize> State<N> {
     }
 
     /// One step of classical fourth-order Runge-Kutta. `command` gives rate error and commanded thrusts at a stage:
-    /// its arguments are the stage (0 start, 1 middle, 2 end), the gyro's reading and the integral there.
+    /// its arguments are the stage (0 start, 1 middle, 2 end), the rate and the integral there.
     #[inline(always)]
     pub fn advance<C>(&mut self, c: &Coefficients, h: Lanes<N>, command: C)
     where
         C: Fn(usize, Lanes<N>, Lanes<N>) -> Command<N>,
     {
         let half = h * 0.5;
-        let stage1 = Stage { rate: self.rate, thrust_a: self.thrust_a, thrust_b: self.thrust_b, integral: self.integral };
-        let slope1 = stage1.slope(c, command(0, stage1.rate * c.gyro, stage1.integral));
-        let stage2 = stage1.after(&slope1, half);
-        let slope2 = stage2.slope(c, command(1, stage2.rate * c.gyro, stage2.integral));
-        let stage3 = stage1.after(&slope2, half);
-        let slope3 = stage3.slope(c, command(1, stage3.rate * c.gyro, stage3.integral));
-        let stage4 = stage1.after(&slope3, h);
-        let slope4 = stage4.slope(c, command(2, stage4.rate * c.gyro, stage4.integral));
+        let stage1 =
+            Stage { rate: self.rate, thrust_a: self.thrust_a, thrust_b: self.thrust_b, integral: self.integral };
+        let slope1 = stage1.slope(&command(0, stage1.rate, stage1.integral));
+        let stage2 = stage1.after(&slope1, c, half);
+        let slope2 = stage2.slope(&command(1, stage2.rate, stage2.integral));
+        let stage3 = stage1.after(&slope2, c, half);
+        let slope3 = stage3.slope(&command(1, stage3.rate, stage3.integral));
+        let stage4 = stage1.after(&slope3, c, h);
+        let slope4 = stage4.slope(&command(2, stage4.rate, stage4.integral));
 
         let (ax1, az1) = stage1.push(c, (self.sine, self.cosine));
         let (ax2, az2) = stage2.push(c, self.turned(stage1.rate * half));
@@ -242,12 +229,17 @@ impl<const N: usize> State<N> {
         (self.sine, self.cosine) = self.turned(turn);
         self.theta = self.theta + turn;
         let slope = |part: fn(&Slope<N>) -> Lanes<N>| {
-            weighed(part(&slope1), part(&slope2), part(&slope3), part(&slope4)) * sixth
+            weighed(part(&slope1), part(&slope2), part(&slope3), part(&slope4))
         };
-        self.rate = self.rate + slope(|s| s.rate);
-        self.thrust_a = self.thrust_a + slope(|s| s.thrust_a);
-        self.thrust_b = self.thrust_b + slope(|s| s.thrust_b);
-        self.integral = self.integral + slope(|s| s.integral);
+        let mean = Slope {
+            difference: slope(|s| s.difference),
+            rising: [slope(|s| s.rising[0]), slope(|s| s.rising[1])],
+            falling: [slope(|s| s.falling[0]), slope(|s| s.falling[1])],
+            integral: slope(|s| s.integral),
+        };
+        let stage = stage1.after(&mean, c, sixth);
+        (self.rate, self.thrust_a, self.thrust_b) = (stage.rate, stage.thrust_a, stage.thrust_b);
+        self.integral = stage.integral;
     }
 
     /// Sine and cosine of theta + `turn`.
@@ -255,9 +247,11 @@ impl<const N: usize> State<N> {
     fn turned(&self, turn: Lanes<N>) -> (Lanes<N>, Lanes<N>) {
         // Taylor to below 2⁻⁵³ up to 0.045 rad, the turn of one 800 Hz tick at 2000 deg/s.
         let square = turn * turn;
-        let one = Lanes::splat(1.0);
-        let sine = turn * (one - square * (1.0 / 6.0) * (one - square * (1.0 / 20.0) * (one - square * (1.0 / 42.0))));
-        let cosine = one - square * 0.5 * (one - square * (1.0 / 12.0) * (one - square * (1.0 / 30.0)));
+        let add = |terms: Lanes<N>, constant: f64| terms.map(|term| term + constant);
+        let sine = add(square * (-1.0 / 5040.0), 1.0 / 120.0);
+        let sine = turn * add(square * add(square * sine, -1.0 / 6.0), 1.0);
+        let cosine = add(square * (-1.0 / 720.0), 1.0 / 24.0);
+        let cosine = add(square * add(square * cosine, -0.5), 1.0);
         (self.sine * cosine + self.cosine * sine, self.cosine * cosine - self.sine * sine)
     }
 }
@@ -279,33 +273,41 @@ struct Stage<const N: usize> {
     integral: Lanes<N>,
 }
 
-/// Derivative of the rotation's state at one stage.
+/// Derivative of the rotation's state at one stage, before the factors that make it one: multiplied into the step's
+/// length, they leave the chain of operations that one step waits for.
 #[derive(Clone, Copy)]
 struct Slope<const N: usize> {
-    rate: Lanes<N>,
-    thrust_a: Lanes<N>,
-    thrust_b: Lanes<N>,
+    /// Fa - Fb.
+    difference: Lanes<N>,
+    /// How far the thrusts of a and b lie below their commands, zero if above.
+    rising: [Lanes<N>; 2],
+    /// How far the thrusts of a and b lie above their commands, negative; zero if below.
+    falling: [Lanes<N>; 2],
+    /// Rate error.
     integral: Lanes<N>,
 }
 
 impl<const N: usize> Stage<N> {
-    // Lupashin 2010, eqs. (3) and (6).
     #[inline(always)]
-    fn slope(&self, c: &Coefficients, command: Command<N>) -> Slope<N> {
+    fn slope(&self, command: &Command<N>) -> Slope<N> {
+        let missing_a = command.thrust_a - self.thrust_a;
+        let missing_b = command.thrust_b - self.thrust_b;
         Slope {
-            rate: (self.thrust_a - self.thrust_b) * c.torque,
-            thrust_a: c.lag(command.thrust_a - self.thrust_a),
-            thrust_b: c.lag(command.thrust_b - self.thrust_b),
+            difference: self.thrust_a - self.thrust_b,
+            rising: [missing_a.at_least(0.0), missing_b.at_least(0.0)],
+            falling: [missing_a.at_most(0.0), missing_b.at_most(0.0)],
             integral: command.rate_error,
         }
     }
 
+    // Lupashin 2010, eqs. (3) and (6). One of rising and falling is zero: no branch, hence none mispredicted.
     #[inline(always)]
-    fn after(&self, slope: &Slope<N>, h: Lanes<N>) -> Self {
+    fn after(&self, slope: &Slope<N>, c: &Coefficients, h: Lanes<N>) -> Self {
+        let (up, down) = (h * c.gain_up, h * c.gain_down);
         Self {
-            rate: self.rate + slope.rate * h,
-            thrust_a: self.thrust_a + slope.thrust_a * h,
-            thrust_b: self.thrust_b + slope.thrust_b * h,
+            rate: self.rate + slope.difference * (h * c.torque),
+            thrust_a: self.thrust_a + slope.rising[0] * up + slope.falling[0] * down,
+            thrust_b: self.thrust_b + slope.rising[1] * up + slope.falling[1] * down,
             integral: self.integral + slope.integral * h,
         }
     }

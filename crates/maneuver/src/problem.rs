@@ -40,6 +40,8 @@ pub(crate) struct Problem<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Evaluation {
     pub error: FinalError,
+    /// Greatest height above the start, m.
+    pub apex_m: f64,
     /// States where steps 3 and 4 begin. Steps 1 and 2 depend on neither T3, U5 nor T5, step 3 neither on U5 nor T5.
     coast_begins: State<1>,
     stop_begins: State<1>,
@@ -65,37 +67,41 @@ impl<'a> Problem<'a> {
         let primitive = self.primitive(parameters)?;
         let mut state = State::hovering(&self.coefficients);
         let (mut coast_begins, mut stop_begins) = (state, state);
+        let mut apex_m: f64 = 0.0;
+        let rise = |_: f64, state: &State<1>| apex_m = apex_m.max(state.z.0[0]);
         match grid {
             Grid::Ticks => {
-                ticks::fly(&self.coefficients, &mut state, &primitive, Collective::Averaged, |_, _| ());
+                ticks::fly(&self.coefficients, &mut state, &primitive, Collective::Averaged, rise);
             }
             Grid::Steps(steps_hz) => {
                 let primitives = [primitive];
+                let mut rise = rise;
                 for index in 0..5 {
                     match index {
                         2 => coast_begins = state,
                         3 => stop_begins = state,
                         _ => {}
                     }
-                    continuous::fly_step(&self.coefficients, &mut state, &primitives, index, steps_hz, |_, _| ());
+                    continuous::fly_step(&self.coefficients, &mut state, &primitives, index, steps_hz, &mut rise);
                 }
             }
         }
         let error = error_of(&state, 0, self.design.turn_rad());
-        Ok(Evaluation { error, coast_begins, stop_begins })
+        Ok(Evaluation { error, apex_m, coast_begins, stop_begins })
     }
 
     /// J at these parameters, whose evaluation on the same grid is `here`: rows x, z, vx, vz, theta, columns U1, T1,
-    /// T3, U5, T5.
+    /// T3, U5, T5. Differences are `width` times [`DIFFERENCE_M_S2`] and [`DIFFERENCE_S`] wide.
     pub fn jacobian(
         &self,
         parameters: &[f64; 5],
         here: &Evaluation,
         grid: Grid,
+        width: f64,
     ) -> Result<[[f64; 5]; 5], PrimitiveError> {
         let mut jacobian = [[0.0; 5]; 5];
         for column in 0..5 {
-            let width = if column == 0 || column == 3 { DIFFERENCE_M_S2 } else { DIFFERENCE_S };
+            let width = width * if column == 0 || column == 3 { DIFFERENCE_M_S2 } else { DIFFERENCE_S };
             let (mut above, mut below) = (*parameters, *parameters);
             above[column] += width;
             below[column] -= width;

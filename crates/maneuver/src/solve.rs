@@ -1,88 +1,279 @@
 //! From a design to the parameters that fly it on the model, and the Jacobian there.
 
-use nalgebra::{Matrix5, Vector5};
+use core::array;
 
 use quantity::{GRAVITY_M_S2, math};
 
+use crate::descend::{Descent, SOLVED, descend, matrix, polish};
 use crate::limits::{Bounds, Limits};
-use crate::model::Model;
+use crate::model::{Model, ModelError};
 use crate::parameters::{FinalError, FlipDesign, Parameters};
-use crate::planar::{CONTINUOUS_HZ, Discretisation, FlipError, apex_m};
+use crate::planar::{CONTINUOUS_HZ, Discretisation, FlipError};
 use crate::primitive::{Primitive, PrimitiveError};
-use crate::problem::{Grid, Problem, Evaluation};
+use crate::problem::{Grid, Problem};
 
-/// The rough guess of the paper: symmetric, instantaneous, as printed. T3 comes out negative where the rate is so
-/// high, and the turns so few, that starting and stopping turn further than asked.
+/// Grid of the way down from the rough guess: errs by a few hundredths at most, forty times cheaper.
+const ROUGH_GRID: Grid = Grid::Steps(400.0);
+
+/// Norm of the final error at which the rough grid has no more to tell.
+const ROUGH_TOLERANCE: f64 = 1e-3;
+
+/// Grid of the Jacobian the last steps start with.
+const FINE_GRID: Grid = Grid::Steps(3_200.0);
+
+/// Norm of the final error at which that grid has no more to tell.
+const FINE_TOLERANCE: f64 = 1e-4;
+
+/// Starts tried when the rough guess leads nowhere, and how many of the best are followed to the end.
+const STARTS: u32 = 48;
+const FOLLOWED: usize = 3;
+
+/// A flip that ends where it began, on the model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution {
+    /// Where the search began, eqs. (23), (24).
+    pub rough_guess: Parameters,
+    /// F at the rough guess, or at the nearest flyable parameters if the guess is none (negative T3).
+    pub rough_error: FinalError,
+    /// P0: inside the reduced envelope, durations above zero.
+    pub parameters: Parameters,
+    /// F(P0), of norm below 1e-9.
+    pub final_error: FinalError,
+    /// J at P0: rows x, z, vx, vz, theta, columns U1, T1, T3, U5, T5. Central differences of ±0.002 m/s² and ±50 µs.
+    // Lupashin 2010, eq. (25).
+    pub jacobian: [[f64; 5]; 5],
+    /// Ratio of the Jacobian's greatest to its least singular value.
+    pub condition: f64,
+    /// T1 to T5, s.
+    pub durations_s: [f64; 5],
+    /// Greatest height above the start, m.
+    pub apex_m: f64,
+}
+
+impl Solution {
+    /// T1 + ... + T5, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.durations_s.iter().sum()
+    }
+}
+
+/// The least final error inside the reduced envelope, where it is not zero.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("no solution inside the reduced envelope: least residual {least_residual:.3}, {limits}")]
+pub struct Infeasible {
+    /// Least norm of the final error found.
+    pub least_residual: f64,
+    /// Where it was found. Not a P0.
+    pub parameters: Parameters,
+    /// Bounds that keep it from getting less.
+    pub limits: Limits,
+}
+
+/// Why there is no [`Solution`].
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SolveError {
+    /// Model or design are impossible.
+    #[error(transparent)]
+    Flip(#[from] FlipError),
+    /// The final error jumps with the parameters, so that it has no zero to find and no Jacobian.
+    #[error("a sampled collective makes the final error jump: solve the averaged or the continuous model")]
+    Discontinuous,
+    /// The design cannot be flown inside the envelope.
+    #[error(transparent)]
+    Infeasible(#[from] Infeasible),
+}
+
+impl From<PrimitiveError> for SolveError {
+    fn from(error: PrimitiveError) -> Self {
+        Self::Flip(error.into())
+    }
+}
+
+impl From<ModelError> for SolveError {
+    fn from(error: ModelError) -> Self {
+        Self::Flip(error.into())
+    }
+}
+
+/// The rough guess: instantaneous, symmetric, as the paper prints it. T3 comes out negative where the rate is so
+/// high, and the turns so few, that starting and stopping alone turn further than asked.
 ///
 /// # Errors
 /// If model or design are impossible.
 // Lupashin 2010, eqs. (23), (24).
 pub fn rough_guess(model: &Model, design: &FlipDesign) -> Result<Parameters, FlipError> {
-    model.check()?;
-    design.envelope.check().map_err(PrimitiveError::from)?;
-    let a2 = design.envelope.span_m_s2() / (2.0 * model.alpha_l_m());
-    let u_m_s2 = 0.9 * design.envelope.high_m_s2;
-    let rotate_s = design.rate_rad_s_max / a2;
+    Problem::new(model, design)?;
+    let envelope = &design.envelope;
+    let u_m_s2 = 0.9 * envelope.high_m_s2;
+    let rotate_s = design.rate_rad_s_max * 2.0 * model.alpha_l_m() / envelope.span_m_s2();
     let coast_s = design.turn_rad() / design.rate_rad_s_max - rotate_s;
-    let accelerate_s = GRAVITY_M_S2 * (rotate_s + coast_s + rotate_s) / (2.0 * u_m_s2);
-    Ok(Parameters { u1_m_s2: u_m_s2, t1_s: accelerate_s, t3_s: coast_s, u5_m_s2: u_m_s2, t5_s: accelerate_s })
+    let push_s = GRAVITY_M_S2 * (rotate_s + coast_s + rotate_s) / (2.0 * u_m_s2);
+    Ok(Parameters { u1_m_s2: u_m_s2, t1_s: push_s, t3_s: coast_s, u5_m_s2: u_m_s2, t5_s: push_s })
 }
 
-pub fn descend(problem:&Problem, bounds:&Bounds, start:[f64;5], grid:Grid, tol:f64, stats:&mut [usize;2])->([f64;5],f64,Limits){
-    let mut p=bounds.clamp(start);
-    let mut here=problem.evaluate(&p,grid).unwrap(); stats[0]+=1;
-    let mut lambda=1e-3;
-    let mut limits=Limits::NONE;
-    for _ in 0..100 {
-        let f=Vector5::from(here.error.to_array());
-        if f.norm()<tol {break}
-        let j=problem.jacobian(&p,&here,grid).unwrap(); stats[1]+=1;
-        let j=Matrix5::from_fn(|r,c|j[r][c]);
-        let g=j.transpose()*f;
-        limits=bounds.pressed(&p,&g.into());
-        let jtj=j.transpose()*j;
-        let mut ok=false; let mut small=false;
-        for _ in 0..16 {
-            let mut a=jtj; let mut b=-g;
-            for i in 0..5 { a[(i,i)]+=lambda*jtj[(i,i)];
-              if limits.low(i)||limits.high(i){ for k in 0..5 {a[(i,k)]=0.;a[(k,i)]=0.;} a[(i,i)]=1.; b[i]=0.; } }
-            let Some(d)=a.lu().solve(&b) else {lambda*=10.;continue};
-            let trial=bounds.clamp(core::array::from_fn(|i|p[i]+d[i]));
-            if trial==p {break}
-            let Ok(t)=problem.evaluate(&trial,grid) else {lambda*=10.;continue}; stats[0]+=1;
-            if t.error.norm()<here.error.norm() { small = t.error.norm()>here.error.norm()*(1.-1e-7); p=trial;here=t;lambda=f64::max(lambda*0.1,1e-12);ok=true;break }
-            lambda*=10.;
-        }
-        if !ok||small {break}
-    }
-    (p,here.error.norm(),limits)
+/// P0 and J of a design: the parameters inside the reduced envelope whose final error vanishes on the model.
+///
+/// The weights of the paper's norm do not matter where that norm reaches zero; where it does not, the plain norm's
+/// least value is reported.
+///
+/// # Errors
+/// If model or design are impossible, or nothing inside the envelope ends where it began.
+pub fn solve(
+    model: &Model,
+    design: &FlipDesign,
+    discretisation: Discretisation,
+) -> Result<Solution, SolveError> {
+    let grid = match discretisation {
+        Discretisation::Continuous => Grid::Steps(CONTINUOUS_HZ),
+        Discretisation::Average800 => Grid::Ticks,
+        Discretisation::Hold800 => return Err(SolveError::Discontinuous),
+    };
+    let problem = Problem::new(model, design)?;
+    let bounds = Bounds::new(design);
+    let rough_guess = rough_guess(model, design)?;
+    let start = bounds.clamp(rough_guess.to_array());
+    let rough_error = match problem.evaluate(&rough_guess.to_array(), grid) {
+        Ok(rough) => rough.error,
+        Err(_) => problem.evaluate(&start, grid)?.error,
+    };
+    let straight = descend(&problem, &bounds, turned_right(&problem, start)?, ROUGH_GRID, ROUGH_TOLERANCE, 1.0)?;
+    let solved = match finish(&problem, &bounds, &straight, grid)? {
+        Some(solved) => solved,
+        None => search(&problem, &bounds, &start, grid)?,
+    };
+    let jacobian = problem.jacobian(&solved.parameters, &solved.here, grid, 1.0)?;
+    let parameters = Parameters::from_array(solved.parameters);
+    let primitive = Primitive::new(design, model.alpha_l_m(), &parameters)?;
+    Ok(Solution {
+        rough_guess,
+        rough_error,
+        parameters,
+        final_error: solved.here.error,
+        jacobian,
+        condition: condition(&jacobian),
+        durations_s: primitive.steps().map(|step| step.duration_s),
+        apex_m: solved.here.apex_m,
+    })
 }
-pub fn descend2(problem:&Problem, bounds:&Bounds, start:[f64;5], grid:Grid, tol:f64, stats:&mut [usize;2])->([f64;5],f64,Limits){
-    let mut p=bounds.clamp(start);
-    let mut here=problem.evaluate(&p,grid).unwrap(); stats[0]+=1;
-    let mut lambda=1e-3;
-    let mut limits=Limits::NONE;
-    for _ in 0..100 {
-        let f=Vector5::from(here.error.to_array());
-        if f.norm()<tol {break}
-        let j=problem.jacobian(&p,&here,grid).unwrap(); stats[1]+=1;
-        let j=Matrix5::from_fn(|r,c|j[r][c]);
-        let g=j.transpose()*f;
-        limits=bounds.pressed(&p,&g.into());
-        let jtj=j.transpose()*j;
-        let mut ok=false; let mut small=false;
-        for _ in 0..16 {
-            let mut a=jtj; let mut b=-g;
-            for i in 0..5 { a[(i,i)]+=lambda*jtj[(i,i)];
-              if limits.low(i)||limits.high(i){ for k in 0..5 {a[(i,k)]=0.;a[(k,i)]=0.;} a[(i,i)]=1.; b[i]=0.; } }
-            let Some(d)=a.lu().solve(&b) else {lambda*=10.;continue};
-            let mut sc:f64=1.; for i in 0..5 {let lim=if i==0||i==3 {1.5} else {(0.3*p[i]).max(0.02)}; sc=sc.min(lim/d[i].abs().max(1e-30));} let trial=bounds.clamp(core::array::from_fn(|i|p[i]+d[i]*sc));
-            if trial==p {break}
-            let Ok(t)=problem.evaluate(&trial,grid) else {lambda*=10.;continue}; stats[0]+=1;
-            if t.error.norm()<here.error.norm() { small = t.error.norm()>here.error.norm()*(1.-1e-7); p=trial;here=t;lambda=f64::max(lambda*0.1,1e-12);ok=true;break }
-            lambda*=10.;
+
+/// The start with T3 changed until about the right number of turns is made. Nearly always that is all it takes to
+/// stay clear of the basins where a double flip passes for a triple.
+fn turned_right(problem: &Problem<'_>, mut start: [f64; 5]) -> Result<[f64; 5], PrimitiveError> {
+    let bounds = Bounds::new(problem.design);
+    for _ in 0..6 {
+        let excess_rad = problem.evaluate(&start, ROUGH_GRID)?.error.theta_rad;
+        if excess_rad.abs() < 0.05 {
+            break;
         }
-        if !ok||small {break}
+        start[2] -= excess_rad / problem.design.rate_rad_s_max;
+        start = bounds.clamp(start);
     }
-    (p,here.error.norm(),limits)
+    Ok(start)
+}
+
+/// From a descent's end on the rough grid to a solution on the fine one.
+fn finish(
+    problem: &Problem<'_>,
+    bounds: &Bounds,
+    rough: &Descent,
+    grid: Grid,
+) -> Result<Option<Descent>, PrimitiveError> {
+    if rough.norm() > 30.0 * ROUGH_TOLERANCE {
+        return Ok(None);
+    }
+    let fine = problem.evaluate(&rough.parameters, FINE_GRID)?;
+    let jacobian = problem.jacobian(&rough.parameters, &fine, FINE_GRID, 1.0)?;
+    let closer = polish(problem, rough.parameters, &jacobian, FINE_GRID, FINE_TOLERANCE);
+    let closer = closer.map_or(rough.parameters, |closer| closer.parameters);
+    if let Some(solved) = polish(problem, closer, &jacobian, grid, SOLVED)
+        && bounds.clamp(solved.parameters) == solved.parameters
+    {
+        return Ok(Some(solved));
+    }
+    // The error is smooth in pieces only. Wide differences see across the kinks, narrow ones the piece they are in:
+    // where the first are stuck at a kink the second get through.
+    let mut closer = closer;
+    for width in [1.0, 0.01] {
+        let descent = descend(problem, bounds, closer, grid, SOLVED, width)?;
+        if descent.norm() < SOLVED {
+            return Ok(Some(descent));
+        }
+        closer = descent.parameters;
+    }
+    Ok(None)
+}
+
+/// Descends from points spread evenly over the box, until one leads to a solution.
+fn search(
+    problem: &Problem<'_>,
+    bounds: &Bounds,
+    guess: &[f64; 5],
+    grid: Grid,
+) -> Result<Descent, SolveError> {
+    let mut best: [Option<Descent>; FOLLOWED] = [None; FOLLOWED];
+    for number in 0..STARTS {
+        let start = spread(bounds, guess, number);
+        let Ok(rough) = descend(problem, bounds, start, ROUGH_GRID, ROUGH_TOLERANCE, 1.0) else { continue };
+        if let Some(solved) = finish(problem, bounds, &rough, grid)? {
+            return Ok(solved);
+        }
+        insert(&mut best, rough);
+    }
+    let mut least: Option<Descent> = None;
+    for rough in best.into_iter().flatten() {
+        let end = descend(problem, bounds, rough.parameters, grid, SOLVED, 1.0)?;
+        if end.norm() < SOLVED {
+            return Ok(end);
+        }
+        if least.is_none_or(|least| end.norm() < least.norm()) {
+            least = Some(end);
+        }
+    }
+    let least = match least {
+        Some(least) => least,
+        None => descend(problem, bounds, *guess, grid, SOLVED, 1.0)?,
+    };
+    Err(SolveError::Infeasible(Infeasible {
+        least_residual: least.norm(),
+        parameters: Parameters::from_array(least.parameters),
+        limits: least.limits,
+    }))
+}
+
+/// Keeps the list sorted by norm and drops what falls off its end.
+fn insert(best: &mut [Option<Descent>; FOLLOWED], mut descent: Descent) {
+    for place in best.iter_mut() {
+        match place {
+            None => {
+                *place = Some(descent);
+                return;
+            }
+            Some(kept) if descent.norm() < kept.norm() => core::mem::swap(kept, &mut descent),
+            Some(_) => {}
+        }
+    }
+}
+
+/// Point `number` of an additive recurrence, which covers five dimensions evenly without a random number: U1 and U5
+/// over their bounds, durations from 0.4 to 1.9 of the guess.
+fn spread(bounds: &Bounds, guess: &[f64; 5], number: u32) -> [f64; 5] {
+    /// The real root of x⁶ = x + 1.
+    const GENERATOR: f64 = 1.134_724_138_401_519;
+    let mut step = 1.0;
+    array::from_fn(|index| {
+        step /= GENERATOR;
+        let position = 0.5 + f64::from(number + 1) * step;
+        let ratio = position - math::floor(position);
+        match index {
+            0 | 3 => bounds.low[index] + ratio * (bounds.high[index] - bounds.low[index]),
+            _ => guess[index].max(0.02) * (0.4 + 1.5 * ratio),
+        }
+    })
+}
+
+/// Ratio of the greatest to the least singular value; infinite for a singular Jacobian.
+fn condition(jacobian: &[[f64; 5]; 5]) -> f64 {
+    let values = matrix(jacobian).singular_values();
+    values.max() / values.min()
 }

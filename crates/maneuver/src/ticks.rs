@@ -41,7 +41,9 @@ pub(crate) fn fly(
         let rate_error = Lanes([setpoint.rate_rad_s]) - state.rate * coefficients.gyro;
         let after = state.integral + rate_error * (1.0 / LOOP_HZ);
         state.integral = coefficients.admitted(share, rate_error, state.integral, after);
-        let (thrust_a, thrust_b) = coefficients.commanded(share, rate_error, state.integral);
+        let difference = rate_error * coefficients.proportional + state.integral * coefficients.integral;
+        let thrust_a = coefficients.clipped(share + difference);
+        let thrust_b = coefficients.clipped(share - difference);
         // The integral advances once a tick, above; within the tick it stands.
         let held = Command { rate_error: Lanes::ZERO, thrust_a, thrust_b };
         let h_s = (until_s - from_s) / f64::from(STEPS_PER_TICK);

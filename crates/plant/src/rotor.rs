@@ -13,9 +13,12 @@ pub const ROTORS: usize = 4;
 /// Greatest motor command.
 pub const COMMAND_MAX: u8 = 200;
 
-/// Which way each rotor turns about the body's z axis: front and back one way, left and right the other. The torque of
-/// its drag on the body has the opposite sign.
-pub const SPIN: [f64; ROTORS] = [1.0, 1.0, -1.0, -1.0];
+/// Which way each rotor turns about the body's z axis: front and back clockwise seen from above, left and right the
+/// other way. The torque of its drag on the body has the opposite sign.
+pub const SPIN: [f64; ROTORS] = [-1.0, -1.0, 1.0, 1.0];
+
+/// Static thrust below which a rotor counts as stopped.
+const STOPPED_N: f64 = 1e-6;
 
 /// Lag factors over half a step and over a whole one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,13 +36,15 @@ impl Lag {
     }
 }
 
-/// Thrust of a rotor at the middle and at the end of a step.
+/// Thrusts at the middle and at the end of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Course {
     /// At the middle.
     pub middle_n: [f64; ROTORS],
     /// At the end.
     pub end_n: [f64; ROTORS],
+    /// Square roots of those at the end: rotor speed and power follow from them.
+    pub end_roots: [f64; ROTORS],
 }
 
 /// Constants of a vehicle's four rotors.
@@ -56,6 +61,8 @@ pub struct Rotors {
     spin_inertia_kg_m2: f64,
     /// Rotor speed by the square root of static thrust.
     speed_by_root_thrust: f64,
+    /// One by the power of all four at full scale.
+    power_scale: f64,
 }
 
 impl Rotors {
@@ -73,6 +80,7 @@ impl Rotors {
             drag_torque_m: believed.drag_torque_m,
             spin_inertia_kg_m2: truth.spin_inertia_kg_m2,
             speed_by_root_thrust: truth.speed_rad_s_max / math::sqrt(believed.thrust_n_max),
+            power_scale: 1.0 / (ROTORS as f64 * power(believed.thrust_n_max)),
         }
     }
 
@@ -100,7 +108,11 @@ impl Rotors {
             let factor = if asked_n[i] >= from_n[i] { lag.up[part] } else { lag.down[part] };
             asked_n[i] + (from_n[i] - asked_n[i]) * factor
         };
-        Course { middle_n: core::array::from_fn(|i| at(i, 0)), end_n: core::array::from_fn(|i| at(i, 1)) }
+        let end_n = core::array::from_fn(|i| {
+            let thrust = at(i, 1);
+            if thrust < STOPPED_N { 0.0 } else { thrust }
+        });
+        Course { middle_n: core::array::from_fn(|i| at(i, 0)), end_roots: Self::roots(&end_n), end_n }
     }
 
     /// Torque of the thrusts about the body's axes; `static_n` drags, `actual_n` lifts.
@@ -118,26 +130,29 @@ impl Rotors {
         [body_z_m_s - pitching, body_z_m_s + pitching, body_z_m_s + rolling, body_z_m_s - rolling]
     }
 
+    /// Square roots of the thrusts, which speed and power follow from.
+    #[must_use]
+    pub fn roots(static_n: &[f64; ROTORS]) -> [f64; ROTORS] {
+        static_n.map(math::sqrt)
+    }
+
     /// Angular momentum of the four rotors about the body's z axis, kg m²/s.
     #[must_use]
-    pub fn spin_momentum(&self, static_n: &[f64; ROTORS]) -> f64 {
-        if self.spin_inertia_kg_m2 == 0.0 {
-            return 0.0;
-        }
-        let roots = (0..ROTORS).map(|i| SPIN[i] * math::sqrt(static_n[i])).sum::<f64>();
-        roots * self.speed_by_root_thrust * self.spin_inertia_kg_m2
+    pub fn spin_momentum(&self, roots: &[f64; ROTORS]) -> f64 {
+        let sum = (0..ROTORS).map(|i| SPIN[i] * roots[i]).sum::<f64>();
+        sum * self.speed_by_root_thrust * self.spin_inertia_kg_m2
     }
 
     /// Power drawn by power drawn at full scale: thrust to the power 3/2.
     #[must_use]
-    pub fn power_ratio(&self, static_n: &[f64; ROTORS]) -> f64 {
-        static_n.iter().map(|thrust| power(thrust / self.full_scale_n)).sum::<f64>() / ROTORS as f64
+    pub fn power_ratio(&self, static_n: &[f64; ROTORS], roots: &[f64; ROTORS]) -> f64 {
+        (0..ROTORS).map(|i| static_n[i] * roots[i]).sum::<f64>() * self.power_scale
     }
 }
 
-/// A thrust ratio to the power 3/2.
-pub(crate) fn power(thrust_ratio: f64) -> f64 {
-    thrust_ratio * math::sqrt(thrust_ratio)
+/// A thrust to the power 3/2, which the power drawn is proportional to.
+pub(crate) fn power(thrust: f64) -> f64 {
+    thrust * math::sqrt(thrust)
 }
 
 #[cfg(test)]
@@ -206,6 +221,21 @@ mod tests {
         let pair = [2.0, 2.0, 1.0, 1.0];
         let torque = rotors.torque_n_m(&pair, &pair);
         assert!((torque.z + SPIN[0] * 2.0 * 0.0244).abs() < 1e-12);
+    }
+
+    #[test]
+    fn power_and_spin_follow_from_the_thrusts() {
+        let rotors = Rotors::new(&member(), [0.0; 4]);
+        let at = |thrust: [f64; 4]| {
+            let roots = Rotors::roots(&thrust);
+            (rotors.power_ratio(&thrust, &roots), rotors.spin_momentum(&roots))
+        };
+        let (power, momentum) = at([2.8; 4]);
+        assert!((power - 1.0).abs() < 1e-12 && momentum.abs() < 1e-15);
+        assert!((at([0.7; 4]).0 - 0.125).abs() < 1e-12);
+        // Two rotors at 709 rad/s, the others at half of that.
+        let (_, momentum) = at([2.8, 2.8, 0.7, 0.7]);
+        assert!((momentum - SPIN[0] * 709.0 * 8e-6).abs() < 1e-12);
     }
 
     #[test]

@@ -68,11 +68,11 @@ macro_rules! outputs {
             }
 
             fn topic(&self) -> &'static $crate::Topic {
-                match self { $(Self::$variant(_) => &$topic,)* }
+                match *self { $(Self::$variant(_) => &$topic,)* }
             }
 
             fn encode(&self, body: &mut Vec<u8>) -> Result<(), $crate::EncodeError> {
-                match self { $(Self::$variant(message) => $crate::encode(message, body),)* }
+                match *self { $(Self::$variant(ref message) => $crate::encode(message, body),)* }
             }
         }
 

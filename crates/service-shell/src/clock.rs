@@ -8,6 +8,9 @@ use quantity::{Span, Time};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
+/// Two readings of clocks take less than this unless something comes between them.
+const READING_SPAN: Span = Span::from_micros(5);
+const READINGS_MAX: u32 = 4;
 
 /// Reads the arena's clock.
 #[must_use]
@@ -31,10 +34,21 @@ pub struct ClockPair {
 }
 
 impl ClockPair {
-    /// Reads both.
+    /// Reads both, the arena's last: an instant made from the pair is late by the time between the two readings, never
+    /// early. Should the process be interrupted between them, it reads again.
     #[must_use]
     pub fn read() -> Self {
-        Self { arena: now(), wall_ns: wall_clock_ns() }
+        let mut before = now();
+        let mut pair = Self { arena: before, wall_ns: 0 };
+        for _ in 0..READINGS_MAX {
+            pair.wall_ns = wall_clock_ns();
+            pair.arena = now();
+            if pair.arena - before <= READING_SPAN {
+                break;
+            }
+            before = pair.arena;
+        }
+        pair
     }
 
     /// The arena time of a kernel stamp.

@@ -4,24 +4,22 @@
 //! millisecond late, the kernel's timer some tens of microseconds.
 
 use std::io;
-use std::os::fd::OwnedFd;
 use std::task::{Context, Poll, ready};
 
 use quantity::Time;
 use rustix::time::{
     Itimerspec, TimerfdClockId, TimerfdFlags, TimerfdTimerFlags, Timespec, timerfd_create, timerfd_settime,
 };
-use tokio::io::Interest;
-use tokio::io::unix::AsyncFd;
 
 use crate::clock;
+use crate::kernel::Watched;
 
 const NEVER: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 
 /// One alarm.
 #[derive(Debug)]
 pub struct Timer {
-    fd: AsyncFd<OwnedFd>,
+    fd: Watched,
     set_to: Option<Time>,
 }
 
@@ -32,7 +30,7 @@ impl Timer {
     /// What the system says.
     pub fn new() -> io::Result<Self> {
         let fd = timerfd_create(TimerfdClockId::Monotonic, TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC)?;
-        Ok(Self { fd: AsyncFd::with_interest(fd, Interest::READABLE)?, set_to: None })
+        Ok(Self { fd: Watched::new(fd)?, set_to: None })
     }
 
     /// Sets or clears the alarm; an instant that has passed rings at once.
@@ -45,7 +43,7 @@ impl Timer {
         }
         let value = at.map_or(NEVER, clock::timespec);
         let setting = Itimerspec { it_interval: NEVER, it_value: value };
-        timerfd_settime(self.fd.get_ref(), TimerfdTimerFlags::ABSTIME, &setting)?;
+        timerfd_settime(&self.fd, TimerfdTimerFlags::ABSTIME, &setting)?;
         self.set_to = at;
         Ok(())
     }
@@ -53,9 +51,9 @@ impl Timer {
     /// Ready once the alarm has rung; it is then no longer set.
     pub fn poll_elapsed(&mut self, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
         loop {
-            let mut guard = ready!(self.fd.poll_read_ready(cx))?;
+            let mut guard = ready!(self.fd.poll_readable(cx))?;
             let mut expirations = [0; 8];
-            match rustix::io::read(self.fd.get_ref(), &mut expirations) {
+            match rustix::io::read(&self.fd, &mut expirations) {
                 Ok(_) => {
                     guard.clear_ready();
                     self.set_to = None;

@@ -92,13 +92,17 @@ impl Key {
             run,
         }
     }
+
+    fn describe(&self, name: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{name}({}, run {:016x}, ..)", self.domain.name(), self.run)
+    }
 }
 
-/// A key to seal with. Made only for a node's own role and for [`Role::NODE`].
+/// A key to seal with. A [`Keyring`] holds it for a node's own role and for [`Role::NODE`] only.
 #[derive(Clone)]
 pub struct SigningKey(Key);
 
-/// A key to verify with. The type has no way to seal.
+/// A key to verify with. The bytes are those of the signing key; the type has no way to seal with them.
 #[derive(Clone)]
 pub struct VerifyKey(Key);
 
@@ -159,36 +163,27 @@ impl VerifyKey {
 
 impl fmt::Debug for SigningKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "SigningKey({}, run {:016x}, ..)",
-            self.0.domain.name(),
-            self.0.run
-        )
+        self.0.describe("SigningKey", f)
     }
 }
 
 impl fmt::Debug for VerifyKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "VerifyKey({}, run {:016x}, ..)",
-            self.0.domain.name(),
-            self.0.run
-        )
+        self.0.describe("VerifyKey", f)
     }
 }
 
-/// The keys of one node: to sign in its own role, to verify the roles it listens to, and no others.
+/// The keys of one node: to sign in its own role, to verify the roles it listens to, and no others. A console, a logger
+/// or a learner that holds only this cannot forge a command.
 #[derive(Clone, Debug)]
 pub struct Keyring {
     own: SigningKey,
     node: SigningKey,
-    verify: BTreeMap<Role, VerifyKey>,
+    reads: BTreeMap<Role, VerifyKey>,
 }
 
 impl Keyring {
-    /// The keys of a node that writes as `own` and reads topics written by `reads`. [`Role::NODE`] is always read.
+    /// The keys of a node that writes as `own` and reads what `reads` write; [`Role::NODE`] is always among these.
     #[must_use]
     pub fn new(
         secret: &Secret,
@@ -197,19 +192,16 @@ impl Keyring {
         own: Role,
         reads: impl IntoIterator<Item = Role>,
     ) -> Self {
-        let verify = reads
-            .into_iter()
-            .chain([Role::NODE])
-            .map(|role| (role, VerifyKey::derive(secret, domain, run, role)))
-            .collect();
+        let signing = |role| SigningKey::derive(secret, domain, run, role);
+        let verifying = |role| (role, VerifyKey::derive(secret, domain, run, role));
         Self {
-            own: SigningKey::derive(secret, domain, run, own),
-            node: SigningKey::derive(secret, domain, run, Role::NODE),
-            verify,
+            own: signing(own),
+            node: signing(Role::NODE),
+            reads: reads.into_iter().chain([Role::NODE]).map(verifying).collect(),
         }
     }
 
-    /// The key for the topics this node alone writes.
+    /// The key for the topics that this node alone writes.
     #[must_use]
     pub const fn own(&self) -> &SigningKey {
         &self.own
@@ -221,21 +213,9 @@ impl Keyring {
         &self.node
     }
 
-    /// The key to verify a role with; `None` for one this node does not listen to.
+    /// The key to verify a role with; `None` for one that this node does not listen to.
     #[must_use]
     pub fn verify_key(&self, role: Role) -> Option<&VerifyKey> {
-        self.verify.get(&role)
-    }
-
-    /// The domain of all its keys.
-    #[must_use]
-    pub const fn domain(&self) -> Domain {
-        self.own.domain()
-    }
-
-    /// The run of all its keys.
-    #[must_use]
-    pub const fn run(&self) -> u64 {
-        self.own.run()
+        self.reads.get(&role)
     }
 }

@@ -25,7 +25,7 @@ pub enum EncodeError {
         /// The message's published name.
         message: &'static str,
     },
-    /// More than a body may have.
+    /// More bytes than a body may have.
     #[error("the body of {message} exceeds {} bytes", BODY_BYTES_MAX)]
     TooLong {
         /// The message's published name.
@@ -42,7 +42,7 @@ pub enum EncodeError {
 /// Why a body is no message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum DecodeError {
-    /// It is of another type, or another version of it.
+    /// It is of another type, or of another version of it.
     #[error("schema id {found:016x}, that of {message} is {expected:016x}")]
     Schema {
         /// The message's published name.
@@ -52,15 +52,15 @@ pub enum DecodeError {
         /// The datagram's schema id.
         found: u64,
     },
-    /// Its bytes do not read as that type.
+    /// Bytes that do not read as the message: too few, a value outside its set or bound, text that is not UTF-8.
     #[error("{length} bytes do not read as {message}")]
-    Invalid {
+    Unreadable {
         /// The message's published name.
         message: &'static str,
         /// The body's length.
         length: usize,
     },
-    /// Bytes are left when all fields are read.
+    /// Bytes left when all fields are read.
     #[error("{message} takes {read} bytes of {length}")]
     Trailing {
         /// The message's published name.
@@ -71,7 +71,7 @@ pub enum DecodeError {
         length: usize,
     },
     /// More bytes than a body may have.
-    #[error("a body of {length} bytes exceeds {}", BODY_BYTES_MAX)]
+    #[error("a body of {length} bytes, may have {}", BODY_BYTES_MAX)]
     TooLong {
         /// The body's length.
         length: usize,
@@ -118,7 +118,7 @@ pub fn decode<M: Message>(body: &[u8]) -> Result<M, DecodeError> {
         return Err(DecodeError::TooLong { length });
     }
     let (decoded, read): (M, usize) = bincode::serde::decode_from_slice(body, CONFIG)
-        .map_err(|_| DecodeError::Invalid { message, length })?;
+        .map_err(|_| DecodeError::Unreadable { message, length })?;
     if read != length {
         return Err(DecodeError::Trailing {
             message,

@@ -86,7 +86,7 @@ impl Counters {
         self.dropped[reason as usize]
     }
 
-    /// Datagrams dropped for any reason.
+    /// Datagrams dropped, for whatever reason.
     #[must_use]
     pub fn dropped_total(&self) -> u64 {
         self.dropped.iter().sum()

@@ -1,5 +1,7 @@
 //! The 56-byte header and the topic that follows it.
 
+use core::ops::Range;
+
 use quantity::Time;
 use thiserror::Error;
 
@@ -11,6 +13,8 @@ pub const MAGIC: [u8; 2] = *b"FM";
 pub const VERSION: u8 = 1;
 /// Bytes before the topic.
 pub const HEADER_BYTES: usize = 56;
+/// Most bytes of a topic's name.
+pub const TOPIC_BYTES_MAX: usize = u8::MAX as usize;
 
 const FLAG_LATCHED: u8 = 1;
 
@@ -91,13 +95,13 @@ pub struct Header {
     pub run: u64,
     /// Rises at each start of the sending node.
     pub incarnation: u32,
-    /// Rises by one per datagram of this source and topic.
+    /// Rises by one per datagram of this source, topic and kind.
     pub sequence: u64,
     /// When it was sent, on the sender's clock; not before that clock's zero.
     pub published_at: Time,
 }
 
-/// A topic's name with its hash: made once, used for every datagram.
+/// A topic's name with its hash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TopicName<'a> {
     name: &'a str,
@@ -108,7 +112,7 @@ impl<'a> TopicName<'a> {
     /// A topic's name: 1 to 255 bytes, or `None`.
     #[must_use]
     pub const fn new(name: &'a str) -> Option<Self> {
-        if name.is_empty() || name.len() > u8::MAX as usize {
+        if name.is_empty() || name.len() > TOPIC_BYTES_MAX {
             return None;
         }
         Some(Self {
@@ -141,7 +145,7 @@ pub enum Malformed {
         /// Bytes there must be.
         needed: usize,
     },
-    /// Longer than header, topic, largest body and tag.
+    /// A body above the limit.
     #[error("a body of {length} bytes, may have {}", BODY_BYTES_MAX)]
     Long {
         /// Bytes of its body.
@@ -190,11 +194,8 @@ pub enum Malformed {
 }
 
 impl Header {
-    /// Writes header and topic at the end of `out`; `false`, and nothing written, for a publish time before zero.
-    pub(crate) fn write(&self, topic: TopicName<'_>, out: &mut Vec<u8>) -> bool {
-        let Ok(published) = u64::try_from(self.published_at.as_nanos()) else {
-            return false;
-        };
+    /// The header's bytes, with a publish time that the caller has checked.
+    pub(crate) fn to_bytes(self, topic: TopicName<'_>, published_ns: u64) -> [u8; HEADER_BYTES] {
         let mut bytes = [0; HEADER_BYTES];
         bytes[0..2].copy_from_slice(&MAGIC);
         bytes[2] = VERSION;
@@ -208,35 +209,31 @@ impl Header {
         bytes[24..32].copy_from_slice(&self.run.to_le_bytes());
         bytes[32..36].copy_from_slice(&self.incarnation.to_le_bytes());
         bytes[40..48].copy_from_slice(&self.sequence.to_le_bytes());
-        bytes[48..56].copy_from_slice(&published.to_le_bytes());
-        out.extend_from_slice(&bytes);
-        out.extend_from_slice(topic.name.as_bytes());
-        true
+        bytes[48..56].copy_from_slice(&published_ns.to_le_bytes());
+        bytes
     }
 
     /// Takes a datagram apart: header, topic, and where its body lies. Nothing of it is to be believed yet.
-    pub(crate) fn parse(
-        datagram: &[u8],
-    ) -> Result<(Self, TopicName<'_>, core::ops::Range<usize>), Malformed> {
+    pub(crate) fn parse(datagram: &[u8]) -> Result<(Self, TopicName<'_>, Range<usize>), Malformed> {
         let length = datagram.len();
-        let short = |needed| Malformed::Short { length, needed };
-        let (bytes, rest) = datagram
-            .split_first_chunk::<HEADER_BYTES>()
-            .ok_or(short(HEADER_BYTES + 1 + TAG_BYTES))?;
+        let shortest = HEADER_BYTES + 1 + TAG_BYTES;
+        let (bytes, rest) = datagram.split_first_chunk().ok_or(Malformed::Short {
+            length,
+            needed: shortest,
+        })?;
         let header = Self::parse_fixed(bytes)?;
-        let topic_length = usize::from(bytes[6]);
-        let topic = rest
-            .get(..topic_length)
-            .ok_or(short(HEADER_BYTES + topic_length + TAG_BYTES))?;
-        let start = HEADER_BYTES + topic_length;
-        let end = length
-            .checked_sub(TAG_BYTES)
-            .filter(|end| *end >= start)
-            .ok_or(short(HEADER_BYTES + topic_length + TAG_BYTES))?;
+        let start = HEADER_BYTES + usize::from(bytes[6]);
+        if length < start + TAG_BYTES {
+            return Err(Malformed::Short {
+                length,
+                needed: start + TAG_BYTES,
+            });
+        }
+        let end = length - TAG_BYTES;
         if end - start > BODY_BYTES_MAX {
             return Err(Malformed::Long { length: end - start });
         }
-        let name = core::str::from_utf8(topic).map_err(|_| Malformed::TopicText)?;
+        let name = core::str::from_utf8(&rest[..start - HEADER_BYTES]).map_err(|_| Malformed::TopicText)?;
         let topic = TopicName::new(name).ok_or(Malformed::Unknown {
             field: "topic length",
             found: bytes[6],

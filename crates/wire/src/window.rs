@@ -7,7 +7,8 @@ use crate::Kind;
 /// How far behind the newest sequence number one may arrive and still be told from a replay.
 pub const WINDOW_BITS: u64 = 1024;
 
-/// Sources and topics remembered at most. Only authentic datagrams get this far; an arena has some hundreds.
+/// Streams remembered at most. Only authentic datagrams make one, and an arena has some hundreds; the limit is there
+/// because nothing that a network feeds may grow without one.
 const WINDOWS_MAX: usize = 8192;
 
 const WORDS: usize = (WINDOW_BITS / 64) as usize;
@@ -23,7 +24,7 @@ pub enum Freshness {
     TooOld,
     /// From before the node's last known start.
     OldIncarnation,
-    /// The first of a source and topic for which no memory is left.
+    /// The first of a stream for which no memory is left.
     NoRoom,
 }
 
@@ -42,7 +43,7 @@ pub struct SequenceCounts {
     pub stale: u64,
 }
 
-/// The window of one source and topic, through all its incarnations.
+/// The window of one source, topic and kind, through all its incarnations.
 #[derive(Clone, Debug)]
 pub struct Window {
     incarnation: u32,
@@ -55,7 +56,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// The window after the first datagram of a source and topic.
+    /// The window after the first datagram of a stream.
     #[must_use]
     pub fn new(incarnation: u32, sequence: u64) -> Self {
         let counts = SequenceCounts {
@@ -89,7 +90,7 @@ impl Window {
             return Freshness::Fresh;
         }
         if sequence > self.highest {
-            self.counts.lost += sequence - self.highest - 1;
+            self.counts.lost = self.counts.lost.saturating_add(sequence - self.highest - 1);
             self.advance(sequence);
         } else {
             if self.highest - sequence >= WINDOW_BITS {
@@ -102,7 +103,7 @@ impl Window {
             }
             self.counts.reordered += 1;
             if sequence > self.first {
-                self.counts.lost -= 1;
+                self.counts.lost = self.counts.lost.saturating_sub(1);
             }
         }
         self.mark(sequence);
@@ -145,7 +146,7 @@ const fn bit(sequence: u64) -> u64 {
     1 << (sequence % 64)
 }
 
-/// Whose sequence numbers they are: source, topic hash, and kind. The kind is part of it because schemas and journals
+/// Whose sequence numbers they are: source, topic hash and kind. The kind is part of it because schemas and journals
 /// are signed with a key that every node holds, and must not move the window of another node's commands.
 pub type Stream = (u32, u32, Kind);
 
@@ -176,7 +177,7 @@ impl Windows {
         Freshness::Fresh
     }
 
-    /// What the numbers told of each stream.
+    /// What the numbers of each stream told.
     pub fn counts(&self) -> impl Iterator<Item = (Stream, SequenceCounts)> {
         self.windows
             .iter()
@@ -186,6 +187,95 @@ impl Windows {
     /// Sequence numbers that never came, over all streams.
     #[must_use]
     pub fn lost_total(&self) -> u64 {
-        self.windows.values().map(|window| window.counts.lost).sum()
+        self.windows
+            .values()
+            .fold(0, |sum, window| sum.saturating_add(window.counts.lost))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::BTreeSet;
+
+    /// The same decisions by remembering everything.
+    struct Memory {
+        seen: BTreeSet<u64>,
+    }
+
+    impl Memory {
+        fn accept(&mut self, sequence: u64) -> Freshness {
+            let highest = *self.seen.last().expect("it begins with one");
+            if sequence <= highest && highest - sequence >= WINDOW_BITS {
+                return Freshness::TooOld;
+            }
+            if self.seen.insert(sequence) {
+                Freshness::Fresh
+            } else {
+                Freshness::Duplicate
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn decides_as_one_who_remembers_everything(
+            first in 0..5000_u64,
+            steps in prop::collection::vec(prop_oneof![-40..40_i64, -1100..1100_i64, -5000..5000_i64], 1..400),
+        ) {
+            let mut window = Window::new(1, first);
+            let mut memory = Memory { seen: BTreeSet::from([first]) };
+            let mut at = first;
+            for step in steps {
+                at = at.saturating_add_signed(step);
+                prop_assert_eq!(window.accept(1, at), memory.accept(at), "sequence {}", at);
+            }
+            let counts = window.counts();
+            prop_assert_eq!(counts.accepted, memory.seen.len() as u64);
+            let from_first = memory.seen.range(first..).count() as u64;
+            let span = memory.seen.last().expect("it begins with one") - first + 1;
+            prop_assert_eq!(counts.lost, span - from_first);
+        }
+    }
+
+    #[test]
+    fn a_new_incarnation_starts_afresh_and_ends_the_old_one() {
+        let mut window = Window::new(5, 1000);
+        assert_eq!(window.accept(4, 1001), Freshness::OldIncarnation);
+        assert_eq!(window.accept(6, 1), Freshness::Fresh);
+        assert_eq!(window.accept(6, 1), Freshness::Duplicate);
+        assert_eq!(window.accept(5, 1002), Freshness::OldIncarnation);
+        let expected = SequenceCounts {
+            accepted: 2,
+            lost: 0,
+            reordered: 0,
+            duplicates: 1,
+            stale: 2,
+        };
+        assert_eq!(window.counts(), expected);
+    }
+
+    #[test]
+    fn the_ends_of_the_numbers_are_no_trap() {
+        let mut window = Window::new(0, 0);
+        assert_eq!(window.accept(0, u64::MAX), Freshness::Fresh);
+        assert_eq!(window.accept(0, u64::MAX), Freshness::Duplicate);
+        assert_eq!(window.accept(0, u64::MAX - 1023), Freshness::Fresh);
+        assert_eq!(window.accept(0, u64::MAX - 1024), Freshness::TooOld);
+        assert_eq!(window.accept(1, 0), Freshness::Fresh);
+        assert_eq!(window.accept(1, u64::MAX), Freshness::Fresh);
+        assert_eq!(window.counts().lost, u64::MAX, "the count stops at its end");
+    }
+
+    #[test]
+    fn memory_has_an_end() {
+        let mut windows = Windows::new();
+        for source in 0..WINDOWS_MAX as u32 {
+            assert_eq!(windows.accept((source, 1, Kind::Data), 1, 1), Freshness::Fresh);
+        }
+        assert_eq!(windows.accept((u32::MAX, 1, Kind::Data), 1, 1), Freshness::NoRoom);
+        assert_eq!(windows.accept((0, 1, Kind::Data), 1, 3), Freshness::Fresh);
+        assert_eq!(windows.lost_total(), 1);
     }
 }

@@ -50,17 +50,22 @@ pub(crate) fn flip_error(
     })
 }
 
+/// A position this far off may still be noise and what the fit cannot follow.
+const POSITION_NOISE_M_MAX: f64 = 0.02;
+/// Likewise a pitch.
+const PITCH_NOISE_RAD_MAX: f64 = 0.15;
+
 /// Position and velocity at an instant.
 fn position_and_velocity(
     poses: &Poses,
     at: Time,
     tuning: &MeasureTuning,
 ) -> Option<(Vector<World>, Vector<World>)> {
-    let samples = around(poses, at, tuning.position_window_s, |pose| {
+    let positions = around(poses, at, tuning.position_window_s, POSITION_NOISE_M_MAX, |pose| {
         let p = pose.position_m;
         SVector::from([p.x, p.y, p.z])
     });
-    let fit = Kinked::fit(&samples, tuning)?;
+    let fit = Kinked::fit(positions, tuning.poses_min)?;
     let [value, slope] = [fit.value, fit.slope_1_s].map(|v| Vector::new(v[0], v[1], v[2]));
     Some((value, slope))
 }
@@ -84,12 +89,16 @@ fn pitch_rad(poses: &Poses, at: Time, forward: Vector<World>, tuning: &MeasureTu
         math::atan2(up.dot(forward), up.z)
     };
     let window = Span::from_secs_f64(tuning.attitude_window_s);
-    // Fitted as the difference from one of them: an angle near the cut at π must not jump.
-    let reference = pitch(poses.between(at - window, at).last()?);
-    let samples = around(poses, at, tuning.attitude_window_s, |pose| {
+    // Fitted as the difference from their mean direction: an angle near the cut at π must not jump.
+    let (sin, cos) = poses.between(at - window, at + window).fold((0.0, 0.0), |(sin_sum, cos_sum), pose| {
+        let (sin, cos) = math::sin_cos(pitch(pose));
+        (sin_sum + sin, cos_sum + cos)
+    });
+    let reference = math::atan2(sin, cos);
+    let pitches = around(poses, at, tuning.attitude_window_s, PITCH_NOISE_RAD_MAX, |pose| {
         SVector::from([math::wrap_pi(pitch(pose) - reference)])
     });
-    let fit = Kinked::fit(&samples, tuning)?;
+    let fit = Kinked::fit(pitches, tuning.poses_min)?;
     Some(math::wrap_pi(reference + fit.value[0]))
 }
 
@@ -100,9 +109,11 @@ struct Sample<const D: usize> {
     value: SVector<f64, D>,
 }
 
-/// The measurements within a window on either side of an instant, and the window's length.
+/// The measurements within a window on either side of an instant.
 struct Around<const D: usize> {
     window_s: f64,
+    /// A measurement no further off than this is noise, whatever the others are.
+    noise_max: f64,
     samples: Vec<Sample<D>>,
 }
 
@@ -110,6 +121,7 @@ fn around<const D: usize>(
     poses: &Poses,
     at: Time,
     window_s: f64,
+    noise_max: f64,
     read: impl Fn(&Pose) -> SVector<f64, D>,
 ) -> Around<D> {
     let window = Span::from_secs_f64(window_s);
@@ -117,58 +129,93 @@ fn around<const D: usize>(
         .between(at - window, at + window)
         .map(|pose| Sample { time: (pose.at - at).as_secs_f64() / window_s, value: read(pose) })
         .collect();
-    Around { window_s, samples }
+    Around { window_s, noise_max, samples }
 }
 
-/// A least-squares cubic whose third derivative may jump at the instant.
+/// Value and slope at the instant of a least-squares cubic whose third derivative may jump there.
 struct Kinked<const D: usize> {
     value: SVector<f64, D>,
     slope_1_s: SVector<f64, D>,
 }
 
 impl<const D: usize> Kinked<D> {
-    /// Fits twice: the second time without what lies far off the first.
-    fn fit(around: &Around<D>, tuning: &MeasureTuning) -> Option<Self> {
-        let samples = &around.samples;
-        let first = least_squares(samples.iter(), tuning.poses_min)?;
-        let distance = |sample: &&Sample<D>| {
-            math::sqrt((sample.value - first.transpose() * basis(sample.time)).norm_squared())
-        };
-        let mut distances: Vec<f64> = samples.iter().map(|sample| distance(&sample)).collect();
-        distances.sort_unstable_by(f64::total_cmp);
-        let limit = OUTLIER_RATIO * distances[distances.len() / 2];
-        let second = least_squares(samples.iter().filter(|sample| distance(sample) <= limit), tuning.poses_min)?;
-        Some(Self {
-            value: second.row(0).transpose(),
-            slope_1_s: second.row(1).transpose() / around.window_s,
-        })
+    /// Fits, leaving out up to [`WRONG_MAX`] measurements that the others contradict: a swap of markers, a flipped
+    /// pose.
+    fn fit(mut around: Around<D>, poses_min: u32) -> Option<Self> {
+        for left_out in 0..=WRONG_MAX {
+            let fit = LeastSquares::of(&around.samples, poses_min)?;
+            match fit.contradicted(&around).filter(|_| left_out < WRONG_MAX) {
+                Some(index) => drop(around.samples.remove(index)),
+                None => {
+                    return Some(Self {
+                        value: fit.coefficients.row(0).transpose(),
+                        slope_1_s: fit.coefficients.row(1).transpose() / around.window_s,
+                    });
+                }
+            }
+        }
+        None
     }
 }
 
-/// A measurement so many times as far off as the median is a wrong one: a swap of markers, a flipped pose.
-const OUTLIER_RATIO: f64 = 6.0;
+/// So many wrong measurements are left out.
+const WRONG_MAX: usize = 3;
+/// A measurement so many times as far off as the median one is wrong.
+const WRONG_RATIO: f64 = 8.0;
 
 fn basis(time: f64) -> SVector<f64, 5> {
     let cube = time * time * time;
     SVector::from([1.0, time, time * time, cube.min(0.0), cube.max(0.0)])
 }
 
-/// Coefficients of the [`basis`]; `None` for too few samples on either side.
-fn least_squares<'a, const D: usize>(
-    samples: impl Iterator<Item = &'a Sample<D>>,
-    each_side_min: u32,
-) -> Option<SMatrix<f64, 5, D>> {
-    let mut normal = SMatrix::<f64, 5, 5>::zeros();
-    let mut right = SMatrix::<f64, 5, D>::zeros();
-    let (mut before, mut after) = (0, 0);
-    for sample in samples {
-        let row = basis(sample.time);
-        normal += row * row.transpose();
-        right += row * sample.value.transpose();
-        if sample.time <= 0.0 { before += 1 } else { after += 1 }
+/// Coefficients of the [`basis`], and what is needed to judge single measurements.
+struct LeastSquares<const D: usize> {
+    coefficients: SMatrix<f64, 5, D>,
+    covariance: SMatrix<f64, 5, 5>,
+}
+
+impl<const D: usize> LeastSquares<D> {
+    /// `None` for too few samples on either side of the instant.
+    fn of(samples: &[Sample<D>], each_side_min: u32) -> Option<Self> {
+        let mut normal = SMatrix::<f64, 5, 5>::zeros();
+        let mut right = SMatrix::<f64, 5, D>::zeros();
+        let (mut before, mut after) = (0, 0);
+        for sample in samples {
+            let row = basis(sample.time);
+            normal += row * row.transpose();
+            right += row * sample.value.transpose();
+            if sample.time <= 0.0 { before += 1 } else { after += 1 }
+        }
+        if before < each_side_min || after < each_side_min {
+            return None;
+        }
+        let covariance = normal.cholesky()?.inverse();
+        Some(Self { coefficients: covariance * right, covariance })
     }
-    if before < each_side_min || after < each_side_min {
-        return None;
+
+    /// The measurement furthest from what the others make of it, if that is too far.
+    fn contradicted(&self, around: &Around<D>) -> Option<usize> {
+        // How far off it would be from a fit without it: a far-off measurement draws the fit to itself.
+        let off = |sample: &Sample<D>| {
+            let row = basis(sample.time);
+            let residual = sample.value - self.coefficients.transpose() * row;
+            let leverage = row.dot(&(self.covariance * row));
+            math::sqrt(residual.norm_squared()) / (1.0 - leverage).max(1e-6)
+        };
+        let mut sorted: Vec<f64> = around.samples.iter().map(off).collect();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let limit = (WRONG_RATIO * sorted[sorted.len() / 2]).max(around.noise_max);
+        let worst = around.samples.iter().map(off).enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        (worst.1 > limit).then_some(worst.0)
     }
-    normal.cholesky().map(|factors| factors.solve(&right))
+}
+
+impl Unmeasured {
+    /// In words.
+    pub(crate) fn text(self) -> &'static str {
+        match self {
+            Self::BeginUnseen => "motion capture did not see the begin",
+            Self::EndUnseen => "motion capture did not see the end",
+        }
+    }
 }

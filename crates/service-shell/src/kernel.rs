@@ -1,10 +1,19 @@
-//! The one module with `unsafe`: two socket options that no safe crate sets, and several datagrams in one system call
-//! with the kernel's notes on each (when it came, how many were dropped).
+//! The one module with `unsafe`: what the kernel offers and no safe crate does.
+//!
+//! Three socket options, several datagrams in one system call with the kernel's notes on each (when it came, how many
+//! were dropped), and a descriptor of our own watched by tokio.
 
-#![allow(unsafe_code, reason = "setsockopt for two options and recvmmsg have no safe wrapper here")]
+#![allow(
+    unsafe_code,
+    reason = "SO_TIMESTAMPNS, SO_RXQ_OVFL, SO_MEMINFO, recvmmsg and AsyncFd::register have no safe wrapper"
+)]
 
 use std::io;
-use std::os::fd::{AsFd, AsRawFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::task::{Context, Poll};
+
+use tokio::io::Interest;
+use tokio::io::unix::{AsyncFd, AsyncFdReadyGuard};
 
 /// Datagrams taken per system call.
 pub(crate) const BATCH: usize = 16;
@@ -37,6 +46,48 @@ pub(crate) fn enable_notes(socket: &impl AsFd) -> io::Result<()> {
         }
     }
     Ok(())
+}
+
+/// How full a socket's receive queue is: bytes held and bytes allowed, both with the kernel's bookkeeping.
+pub(crate) fn queue_fill(socket: &impl AsFd) -> io::Result<(u32, u32)> {
+    // linux/sock_diag.h: SK_MEMINFO_RMEM_ALLOC and SK_MEMINFO_RCVBUF are the first two of nine.
+    let mut memory = [0_u32; 9];
+    let mut length = size_of_val(&memory) as libc::socklen_t;
+    // SAFETY: the descriptor is borrowed for the call and so is open; the kernel writes at most `length` bytes, which
+    // is the size of `memory`; both outlive the call.
+    let result = unsafe {
+        libc::getsockopt(
+            socket.as_fd().as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_MEMINFO,
+            (&raw mut memory).cast(),
+            &raw mut length,
+        )
+    };
+    if result == 0 { Ok((memory[0], memory[1])) } else { Err(io::Error::last_os_error()) }
+}
+
+/// A descriptor that wakes the task when it becomes readable. It cannot be exchanged for another while watched.
+#[derive(Debug)]
+pub(crate) struct Watched(AsyncFd<OwnedFd>);
+
+impl Watched {
+    /// Call within a tokio runtime.
+    pub(crate) fn new(fd: OwnedFd) -> io::Result<Self> {
+        // SAFETY: the OwnedFd is open and moves in here; no method hands it out by value or by exclusive reference, so
+        // it stays open and the same until the AsyncFd is dropped.
+        unsafe { AsyncFd::register_with_interest(fd, Interest::READABLE) }.map(Self).map_err(io::Error::from)
+    }
+
+    pub(crate) fn poll_readable(&self, cx: &mut Context<'_>) -> Poll<io::Result<AsyncFdReadyGuard<'_, OwnedFd>>> {
+        self.0.poll_read_ready(cx)
+    }
+}
+
+impl AsFd for Watched {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.get_ref().as_fd()
+    }
 }
 
 /// Aligned as `cmsghdr` needs.

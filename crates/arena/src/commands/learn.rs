@@ -1,0 +1,130 @@
+//! `arena learn`: an experiment in virtual time, its report and its pictures.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use clap::Args;
+use front_door::experiment::{self, Observer};
+use front_door::pictures;
+use front_door::report::{FlipReport, LearnReport};
+use quantity::Span;
+use schemas::{NodeEvent, Severity};
+use settings::Arena;
+
+use super::Failure;
+
+/// Options of `arena learn`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// A scenario of `config/scenarios/`.
+    scenario: String,
+    /// Flips to fly, instead of the scenario's number.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
+    iterations: Option<u32>,
+    /// Seed of everything random.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Print one JSON object to standard output and progress to standard error.
+    #[arg(long)]
+    json: bool,
+    /// Folder for the results; `out/SCENARIO-seed-S` if not given.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Folder of the settings.
+    #[arg(long, value_name = "DIR", default_value = "config")]
+    config: PathBuf,
+}
+
+/// Prints a line per flip while the experiment runs.
+struct Progress {
+    json: bool,
+    flips: u32,
+}
+
+impl Observer for Progress {
+    fn flip(&mut self, vehicle: u8, flip: &FlipReport) {
+        self.flips += 1;
+        // Progress is for people: a closed pipe must not end the experiment.
+        let _ = if self.json {
+            writeln!(std::io::stderr(), "{}", flip.line(vehicle))
+        } else {
+            writeln!(std::io::stdout(), "{}", flip.line(vehicle))
+        };
+    }
+
+    fn event(&mut self, event: &NodeEvent) {
+        if event.severity != Severity::Info {
+            let _ = writeln!(
+                std::io::stderr(),
+                "{} vehicle {} {}: {} ({})",
+                event.at,
+                event.vehicle,
+                event.node,
+                event.name,
+                event.detail
+            );
+        }
+    }
+
+    fn progress(&mut self, _elapsed: Span) {}
+}
+
+/// Runs the command: exit code 1 where a vehicle's learning stopped before its time.
+pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let mut arena = Arena::load(&arguments.config, &arguments.scenario)?;
+    if let Some(iterations) = arguments.iterations {
+        arena.scenario.flip.iterations = iterations;
+    }
+    let started = Instant::now();
+    let mut progress = Progress { json: arguments.json, flips: 0 };
+    let flown = experiment::learn(&arena, arguments.seed, &mut progress)?;
+    let mut report = flown.report;
+    report.wall_s = started.elapsed().as_secs_f64();
+    let folder = arguments
+        .out
+        .clone()
+        .unwrap_or_else(|| PathBuf::from("out").join(format!("{}-seed-{}", arguments.scenario, arguments.seed)));
+    write_results(&folder, &report)?;
+    for (stem, svg) in front_door::figures::all(&arena, &report, &flown.side_views)? {
+        pictures::write(&folder, &stem, &svg)?;
+    }
+    let mut out = std::io::stdout().lock();
+    if arguments.json {
+        writeln!(out, "{}", serde_json::to_string(&report).map_err(std::io::Error::from)?)?;
+    } else {
+        writeln!(
+            out,
+            "\n{} flips in {:.0} virtual seconds, {:.2} s of wall time ({:.0} times real time)\ndigest {}\nresults and pictures in {}",
+            progress.flips,
+            report.virtual_s,
+            report.wall_s,
+            report.virtual_s / report.wall_s,
+            report.digest,
+            folder.display()
+        )?;
+    }
+    let mut stopped = false;
+    for vehicle in &report.vehicles {
+        if let Some(reason) = &vehicle.stopped {
+            stopped = true;
+            eprintln!("vehicle {} stopped learning: {reason}", vehicle.id);
+        }
+    }
+    Ok(if stopped { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+fn write_results(folder: &Path, report: &LearnReport) -> Result<(), Failure> {
+    let at = |path: &Path| {
+        let path = path.to_owned();
+        move |source| Failure::File { path, source }
+    };
+    std::fs::create_dir_all(folder).map_err(at(folder))?;
+    let json = serde_json::to_string_pretty(report).map_err(std::io::Error::from)?;
+    for (name, text) in [("results.json", json), ("results.csv", report.to_csv())] {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(at(&path))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,226 @@
+//! A live arena on this machine: every service and the simulator as a process of its own, on loopback multicast,
+//! looked after, watched, and landed before it ends.
+
+mod console;
+mod processes;
+mod screen;
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use quantity::{Span, Time};
+use schemas::OrderKind;
+use service_core::{AnyNode, Node, Published};
+use service_shell::{BusReceiver, BusSender, Listen, Options, Setup, ShellError, clock};
+use thiserror::Error;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::time::MissedTickBehavior;
+
+pub use console::{Console, VehicleView};
+pub use processes::{Launch, Standing, Supervised};
+pub use screen::Screen;
+
+/// How often processes are looked after and lines renewed.
+const TICK: Duration = Duration::from_millis(100);
+/// How long a landing may take before the processes are ended anyway.
+const LANDING_MAX: Span = Span::from_secs(40);
+/// How long a process may take to end when asked to.
+const END_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Why a live arena failed.
+#[derive(Debug, Error)]
+pub enum SupervisorError {
+    /// The bus, the settings or the secret.
+    #[error(transparent)]
+    Shell(#[from] ShellError),
+    /// A setting.
+    #[error(transparent)]
+    Settings(#[from] settings::ConfigError),
+    /// A process could not be started.
+    #[error("{service} could not be started: {source}")]
+    Process {
+        /// The service.
+        service: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file could not be written.
+    #[error("{path}: {source}")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The operating system refused something else.
+    #[error("{what}: {source}")]
+    System {
+        /// What was attempted.
+        what: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// How a live arena ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// Every vehicle flew its flips and landed.
+    Finished,
+    /// Somebody asked, and everything landed first.
+    Landed,
+    /// Somebody asked twice, or the landing took too long.
+    Stopped,
+}
+
+/// What a live arena is brought up with.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// What every service is told.
+    pub options: Options,
+    /// Seed of the simulator's world.
+    pub seed: u64,
+    /// Folder for secret, run id and logs.
+    pub folder: PathBuf,
+}
+
+/// Brings a simulated arena up and stays with it to its end.
+///
+/// # Errors
+/// Settings, files or sockets that cannot be used, or a process that cannot be started.
+pub fn up(plan: &Plan, screen: &mut Screen) -> Result<Ending, SupervisorError> {
+    let (setup, launch) = prepare(plan)?;
+    tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|source| SupervisorError::System { what: "starting the runtime", source })?
+        .block_on(async {
+            let mut arena = LiveArena::start(&setup, launch)?;
+            let ending = arena.attend(screen).await;
+            // Whatever happened, no process is left behind.
+            arena.end().await;
+            ending
+        })
+}
+
+fn prepare(plan: &Plan) -> Result<(Setup, Launch), SupervisorError> {
+    let logs = plan.folder.join("logs");
+    std::fs::create_dir_all(&logs).map_err(|source| SupervisorError::File { path: logs.clone(), source })?;
+    let mut options = plan.options.clone();
+    let secret_file = service_shell::secret_file(options.secret_file.as_deref());
+    service_shell::create_secret_if_absent(&secret_file)?;
+    options.secret_file = Some(secret_file);
+    options.supervised = true;
+    let run = match options.run {
+        Some(run) => run,
+        None => service_shell::new_run()?,
+    };
+    options.run = Some(run);
+    service_shell::write_run(&service_shell::run_file(), run)?;
+    let setup = Setup::load("arena", &options)?;
+    let program = std::env::current_exe()
+        .map_err(|source| SupervisorError::System { what: "finding this program's own file", source })?;
+    Ok((setup, Launch { program, options, run, seed: plan.seed, logs }))
+}
+
+struct LiveArena {
+    node: Node<Console>,
+    receiver: BusReceiver,
+    sender: BusSender,
+    processes: Vec<Supervised>,
+    launch: Launch,
+    landing_since: Option<Time>,
+}
+
+impl LiveArena {
+    fn start(setup: &Setup, launch: Launch) -> Result<Self, SupervisorError> {
+        let network = &setup.arena.network;
+        let node = Node::<Console>::new(&setup.arena, &setup.secret, setup.identity, clock::now())?;
+        let receiver = BusReceiver::join(network, setup.identity.domain, Listen::Topics(node.topics_in()))?;
+        let sender = BusSender::open(network, setup.identity.domain)?;
+        let mut processes = Vec::new();
+        for service in roster::SERVICES.iter().copied().chain(["simulator"]) {
+            processes.push(Supervised::start(service, &launch)?);
+        }
+        Ok(Self { node, receiver, sender, processes, launch, landing_since: None })
+    }
+
+    async fn attend(&mut self, screen: &mut Screen) -> Result<Ending, SupervisorError> {
+        let listening = |source| SupervisorError::System { what: "listening for signals", source };
+        let mut interrupted = signal(SignalKind::interrupt()).map_err(listening)?;
+        let mut terminated = signal(SignalKind::terminate()).map_err(listening)?;
+        let mut ticks = tokio::time::interval(TICK);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                batch = self.receiver.next_batch() => self.take(batch?),
+                _ = ticks.tick() => {
+                    if let Some(ending) = self.tick(screen)? {
+                        return Ok(ending);
+                    }
+                }
+                _ = interrupted.recv() => if self.land(screen) { return Ok(Ending::Stopped) },
+                _ = terminated.recv() => if self.land(screen) { return Ok(Ending::Stopped) },
+            }
+        }
+    }
+
+    /// Orders a landing; says whether one was under way already.
+    fn land(&mut self, screen: &mut Screen) -> bool {
+        if self.landing_since.is_some() {
+            screen.say("stopping at once");
+            return true;
+        }
+        screen.say("landing first; once more stops at once");
+        let now = clock::now();
+        self.landing_since = Some(now);
+        self.node.core_mut().order(now, OrderKind::Land);
+        false
+    }
+
+    fn take(&mut self, count: usize) {
+        let Self { node, receiver, sender, .. } = self;
+        for index in 0..count {
+            // What is dropped, the node counts.
+            let _ = node.receive(clock::now(), receiver.datagram(index).bytes, &mut |published: Published<'_>| {
+                sender.send(published.datagram);
+            });
+        }
+    }
+
+    fn tick(&mut self, screen: &mut Screen) -> Result<Option<Ending>, SupervisorError> {
+        let now = clock::now();
+        for process in &mut self.processes {
+            process.look_after(now, &self.launch)?;
+        }
+        let Self { node, sender, .. } = self;
+        if node.deadline().is_some_and(|at| at <= now) {
+            node.wake(now, &mut |published: Published<'_>| sender.send(published.datagram));
+        }
+        screen.show(now, node.core_mut(), &self.processes);
+        if let Some(since) = self.landing_since {
+            // The flip managers must have heard the order before "all down" means anything.
+            if now - since > Span::from_secs(1) && node.core().all_down() {
+                return Ok(Some(Ending::Landed));
+            }
+            return Ok((now - since > LANDING_MAX).then_some(Ending::Stopped));
+        }
+        Ok(node.core().all_done().then_some(Ending::Finished))
+    }
+
+    /// Ends every process: the services first, the world last.
+    async fn end(&mut self) {
+        for process in &mut self.processes {
+            process.terminate();
+        }
+        for process in &mut self.processes {
+            process.wait_end(END_PATIENCE).await;
+        }
+    }
+}
+
+/// The folder for secret, run id and logs.
+#[must_use]
+pub fn default_folder() -> &'static Path {
+    Path::new(".flyarena")
+}

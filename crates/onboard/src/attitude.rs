@@ -1,0 +1,232 @@
+//! What the vehicle knows of its own attitude and height, for the time when nobody tells it.
+//!
+//! Gyros and accelerometer carry both forward; the ground's hints in each command frame correct them. The heading is not
+//! needed and not kept right. The accelerometer's vertical error is learned from the hints, so that ten seconds of
+//! descent without them end at about the speed they began with.
+
+use device::vehicle_link::CommandFrame;
+use quantity::{Body, GRAVITY_M_S2, Rotation, Vector, World, math};
+
+use crate::settings::AttitudeSettings;
+
+/// Change of the learned vertical acceleration error per error of vertical speed and second.
+const BIAS_GAIN_1_S2: f64 = 2.0;
+
+/// The learned error stays below this: an accelerometer off by more is broken.
+const BIAS_M_S2_MAX: f64 = 1.0;
+
+/// Time between two hints, for which the gain above is meant.
+const HINT_INTERVAL_S: f64 = 0.02;
+
+/// Height and vertical speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Vertical {
+    /// Above the floor.
+    pub height_m: f64,
+    /// Up positive.
+    pub speed_m_s: f64,
+}
+
+/// The vehicle's own estimate of itself.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct OwnState {
+    attitude: Option<Rotation<Body, World>>,
+    vertical: Option<Vertical>,
+    acceleration_bias_m_s2: f64,
+}
+
+impl OwnState {
+    /// Carries the estimate over `dt_s` with what the sensors read.
+    pub fn predict(&mut self, rate_rad_s: Vector<Body>, acceleration_m_s2: Vector<Body>, dt_s: f64) {
+        let Some(attitude) = &mut self.attitude else {
+            return;
+        };
+        *attitude = attitude.turned(rate_rad_s * dt_s);
+        if let Some(vertical) = &mut self.vertical {
+            let up = (*attitude * acceleration_m_s2).z - GRAVITY_M_S2 - self.acceleration_bias_m_s2;
+            vertical.height_m += (vertical.speed_m_s + 0.5 * up * dt_s) * dt_s;
+            vertical.speed_m_s += up * dt_s;
+        }
+    }
+
+    /// Takes the hints of an accepted frame.
+    pub fn correct(&mut self, frame: &CommandFrame, rate_rad_s: Vector<Body>, settings: &AttitudeSettings) {
+        if !frame.hints_valid || rate_rad_s.norm() > settings.hint_rate_rad_s_max {
+            return;
+        }
+        self.correct_attitude(frame, settings);
+        let told = Vertical {
+            height_m: frame.height_m,
+            speed_m_s: frame.vertical_speed_m_s,
+        };
+        match &mut self.vertical {
+            None => self.vertical = Some(told),
+            Some(own) => {
+                let speed_error = told.speed_m_s - own.speed_m_s;
+                own.height_m += settings.hint_weight_ratio * (told.height_m - own.height_m);
+                own.speed_m_s += settings.hint_weight_ratio * speed_error;
+                let bias = self.acceleration_bias_m_s2 - BIAS_GAIN_1_S2 * HINT_INTERVAL_S * speed_error;
+                self.acceleration_bias_m_s2 = bias.clamp(-BIAS_M_S2_MAX, BIAS_M_S2_MAX);
+            }
+        }
+    }
+
+    fn correct_attitude(&mut self, frame: &CommandFrame, settings: &AttitudeSettings) {
+        let told =
+            |yaw_rad| Rotation::<Body, World>::from_yaw_pitch_roll(yaw_rad, frame.pitch_rad, frame.roll_rad);
+        self.attitude = Some(match self.attitude {
+            None => told(0.0),
+            Some(own) => {
+                // The shortest turn that brings the vehicle's idea of "up" to the ground's; it has no heading in it.
+                let (up_own, up_told) = (up_in_body(own), up_in_body(told(0.0)));
+                let turn = shortest_turn(up_told, up_own);
+                if turn.norm() > settings.hint_snap_rad {
+                    told(own.yaw_rad())
+                } else {
+                    own.turned(turn * settings.hint_weight_ratio)
+                }
+            }
+        });
+    }
+
+    /// Height and vertical speed, once hinted at.
+    pub const fn vertical(&self) -> Option<Vertical> {
+        self.vertical
+    }
+
+    /// Whether the tilt is known.
+    pub const fn attitude_known(&self) -> bool {
+        self.attitude.is_some()
+    }
+
+    /// Angle between the body's and the world's z axis.
+    pub fn tilt_rad(&self) -> Option<f64> {
+        self.attitude
+            .map(|attitude| shortest_turn(Vector::Z, up_in_body(attitude)).norm())
+    }
+
+    /// Cosine of the tilt; one where it is not known.
+    pub fn upright_ratio(&self) -> f64 {
+        self.attitude.map_or(1.0, |attitude| up_in_body(attitude).z)
+    }
+
+    /// The body rate that levels the vehicle; zero where its tilt is not known.
+    pub fn levelling_rate_rad_s(&self, settings: &AttitudeSettings) -> Vector<Body> {
+        let turn = self.attitude.map_or(Vector::ZERO, |attitude| {
+            shortest_turn(Vector::Z, up_in_body(attitude))
+        });
+        (turn * settings.level_gain_1_s).limited(settings.level_rate_rad_s_max)
+    }
+}
+
+fn up_in_body(attitude: Rotation<Body, World>) -> Vector<Body> {
+    attitude.inverse() * Vector::<World>::Z
+}
+
+/// The rotation vector of the shortest way from one unit vector to another.
+fn shortest_turn(from: Vector<Body>, to: Vector<Body>) -> Vector<Body> {
+    let axis = from.cross(to);
+    let (sin, cos) = (axis.norm(), from.dot(to));
+    if sin > 1e-9 {
+        axis * (math::atan2(sin, cos) / sin)
+    } else if cos > 0.0 {
+        Vector::ZERO
+    } else {
+        // Exactly upside down: any axis across will do, pitch is the strongest.
+        Vector::new(0.0, core::f64::consts::PI, 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{FirmwareSettings, LOOP_HZ};
+
+    const SETTINGS: AttitudeSettings = FirmwareSettings::table_i(1).attitude;
+
+    fn frame(roll_rad: f64, pitch_rad: f64, height_m: f64, vertical_speed_m_s: f64) -> CommandFrame {
+        CommandFrame {
+            hints_valid: true,
+            roll_rad,
+            pitch_rad,
+            height_m,
+            vertical_speed_m_s,
+            ..CommandFrame::default()
+        }
+    }
+
+    fn known(roll_rad: f64, pitch_rad: f64) -> OwnState {
+        let mut own = OwnState::default();
+        own.correct(&frame(roll_rad, pitch_rad, 4.0, 0.0), Vector::ZERO, &SETTINGS);
+        own
+    }
+
+    #[test]
+    fn nothing_is_known_until_hinted_at() {
+        let mut own = OwnState::default();
+        own.predict(Vector::new(1.0, 1.0, 1.0), Vector::ZERO, 1.0);
+        let unhinted = CommandFrame {
+            hints_valid: false,
+            ..frame(0.1, 0.1, 1.0, 0.0)
+        };
+        own.correct(&unhinted, Vector::ZERO, &SETTINGS);
+        assert!(!own.attitude_known() && own.vertical().is_none() && own.tilt_rad().is_none());
+        assert_eq!(own.levelling_rate_rad_s(&SETTINGS), Vector::ZERO);
+        assert_eq!(own.upright_ratio(), 1.0);
+    }
+
+    #[test]
+    fn levelling_turns_back_what_was_tilted() {
+        let rate = known(0.2, 0.0).levelling_rate_rad_s(&SETTINGS);
+        assert!((rate - Vector::new(-0.8, 0.0, 0.0)).norm() < 1e-9);
+        let rate = known(0.0, -0.1).levelling_rate_rad_s(&SETTINGS);
+        assert!((rate - Vector::new(0.0, 0.4, 0.0)).norm() < 1e-9);
+        let over = known(core::f64::consts::PI, 0.0).levelling_rate_rad_s(&SETTINGS);
+        assert!(
+            (over.norm() - SETTINGS.level_rate_rad_s_max).abs() < 1e-6,
+            "upside down turns at full rate"
+        );
+    }
+
+    #[test]
+    fn following_its_own_levelling_ends_level_from_anywhere() {
+        for (roll, pitch) in [(3.1, 0.1), (-2.0, 1.0), (0.5, -1.5), (0.0, 0.7)] {
+            let mut own = known(roll, pitch);
+            for _ in 0..3 * LOOP_HZ as u32 {
+                own.predict(own.levelling_rate_rad_s(&SETTINGS), Vector::ZERO, 1.0 / LOOP_HZ);
+            }
+            assert!(own.tilt_rad().unwrap() < 0.01);
+        }
+    }
+
+    #[test]
+    fn hints_correct_by_their_weight_or_whole_when_far_off() {
+        let mut own = known(0.0, 0.0);
+        own.correct(&frame(0.1, 0.0, 5.0, 0.0), Vector::ZERO, &SETTINGS);
+        assert!((own.tilt_rad().unwrap() - 0.03).abs() < 1e-6);
+        assert!((own.vertical().unwrap().height_m - 4.3).abs() < 1e-9);
+        own.correct(&frame(0.0, 1.0, 4.0, 0.0), Vector::ZERO, &SETTINGS);
+        assert!((own.tilt_rad().unwrap() - 1.0).abs() < 1e-9);
+        own.correct(&frame(0.0, 0.0, 4.0, 0.0), Vector::new(0.0, 30.0, 0.0), &SETTINGS);
+        assert!(
+            (own.tilt_rad().unwrap() - 1.0).abs() < 1e-9,
+            "turning too fast for a hint"
+        );
+    }
+
+    #[test]
+    fn a_biased_accelerometer_is_learned_and_dead_reckoning_holds() {
+        let mut own = known(0.0, 0.0);
+        let biased = Vector::new(0.0, 0.0, GRAVITY_M_S2 + 0.2);
+        for tick in 0..20 * LOOP_HZ as u32 {
+            own.predict(Vector::ZERO, biased, 1.0 / LOOP_HZ);
+            if tick % 16 == 0 {
+                own.correct(&frame(0.0, 0.0, 4.0, 0.0), Vector::ZERO, &SETTINGS);
+            }
+        }
+        for _ in 0..5 * LOOP_HZ as u32 {
+            own.predict(Vector::ZERO, biased, 1.0 / LOOP_HZ);
+        }
+        assert!(own.vertical().unwrap().speed_m_s.abs() < 0.05, "{own:?}");
+    }
+}

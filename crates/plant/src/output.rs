@@ -1,0 +1,56 @@
+//! What the simulated devices send, on its way to the bridges.
+
+use quantity::Time;
+
+use crate::queue::DelayQueue;
+
+/// A device that sends to a bridge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Device {
+    /// The motion-capture system's object stream; each output is one datagram.
+    Vicon,
+    /// The coordinator of the data link; outputs are pieces of its serial stream.
+    DataLink,
+}
+
+/// Bytes from a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceOutput<'a> {
+    /// Which.
+    pub device: Device,
+    /// When they leave it.
+    pub at: Time,
+    /// The bytes.
+    pub bytes: &'a [u8],
+}
+
+/// Outputs in the order of their time; used buffers are kept for the next.
+#[derive(Clone, Debug)]
+pub(crate) struct Outputs {
+    queue: DelayQueue<(Device, Vec<u8>)>,
+    spare: Vec<Vec<u8>>,
+}
+
+impl Outputs {
+    pub(crate) fn new() -> Self {
+        Self { queue: DelayQueue::new(), spare: Vec::new() }
+    }
+
+    pub(crate) fn push(&mut self, device: Device, at: Time, bytes: &[u8]) {
+        let mut buffer = self.spare.pop().unwrap_or_default();
+        buffer.clear();
+        buffer.extend_from_slice(bytes);
+        self.queue.push(at, (device, buffer));
+    }
+
+    pub(crate) fn next_at(&self) -> Option<Time> {
+        self.queue.next_at()
+    }
+
+    pub(crate) fn send(&mut self, now: Time, out: &mut impl FnMut(DeviceOutput<'_>)) {
+        while let Some((at, (device, buffer))) = self.queue.pop_due(now) {
+            out(DeviceOutput { device, at, bytes: &buffer });
+            self.spare.push(buffer);
+        }
+    }
+}

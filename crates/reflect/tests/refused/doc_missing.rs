@@ -1,0 +1,11 @@
+use reflect::Message;
+use serde::{Deserialize, Serialize};
+
+/// A message.
+#[derive(Message, Serialize, Deserialize)]
+#[message(name = "example/Bad")]
+struct Bad {
+    count: u8,
+}
+
+fn main() {}

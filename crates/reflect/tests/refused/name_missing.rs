@@ -1,0 +1,11 @@
+use reflect::Message;
+use serde::{Deserialize, Serialize};
+
+/// A message.
+#[derive(Message, Serialize, Deserialize)]
+struct Bad {
+    /// A field.
+    count: u8,
+}
+
+fn main() {}

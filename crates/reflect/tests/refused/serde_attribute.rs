@@ -1,0 +1,13 @@
+use reflect::Message;
+use serde::{Deserialize, Serialize};
+
+/// A message.
+#[derive(Message, Serialize, Deserialize)]
+#[message(name = "example/Bad")]
+struct Bad {
+    /// A field.
+    #[serde(skip)]
+    count: u8,
+}
+
+fn main() {}

@@ -1,0 +1,12 @@
+use reflect::Message;
+use serde::{Deserialize, Serialize};
+
+/// A message.
+#[derive(Message, Serialize, Deserialize)]
+#[message(name = "example/Bad")]
+struct Bad {
+    /// A field.
+    pair: (u8, u8),
+}
+
+fn main() {}

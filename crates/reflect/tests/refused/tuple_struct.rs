@@ -1,0 +1,9 @@
+use reflect::Message;
+use serde::{Deserialize, Serialize};
+
+/// A message.
+#[derive(Message, Serialize, Deserialize)]
+#[message(name = "example/Bad")]
+struct Bad(u8);
+
+fn main() {}

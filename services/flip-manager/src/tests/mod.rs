@@ -1,0 +1,5 @@
+//! Tests of the whole core, and of what needs a flight to be tested with.
+
+mod end_state;
+mod flight;
+mod random;
