@@ -40,7 +40,8 @@ pub enum Severity {
     Fault = 2,
 }
 
-/// An operating fault or a turn of events, typed so that recordings can be searched and tests can assert on it.
+/// An operating fault or a turn of events, typed so that recordings can be searched and tests can assert on
+/// it.
 #[derive(Clone, Debug, Default, PartialEq, Message, Serialize, Deserialize)]
 #[message(name = "flyarena/NodeEvent")]
 pub struct NodeEvent {

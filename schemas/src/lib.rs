@@ -1,7 +1,8 @@
 //! Every message on the bus, and **the** table of topics.
 //!
-//! Read [`topics`] first: topic, type, writer, readers and rate of everything that crosses the arena. The bytes of a
-//! body are ROS 1 serialization; the definitions generated from these types are in `schemas/published/`.
+//! Read [`topics`] first: topic, type, writer, readers and rate of everything that crosses the arena. The
+//! bytes of a body are ROS 1 serialization; the definitions generated from these types are in
+//! `schemas/published/`.
 
 mod arena;
 mod device;

@@ -211,8 +211,8 @@ pub struct FlipStatus {
     pub phase: FlipPhase,
     /// The flip it is at, counted from zero.
     pub iteration: u32,
-    /// Conditions of the gate not met: 1 place, 2 speed, 4 tilt, 8 data age, 16 battery, 32 clearance, 64 height,
-    /// 128 telemetry, 256 predicted loss of height.
+    /// Conditions of the gate not met: 1 place, 2 speed, 4 tilt, 8 data age, 16 battery, 32 clearance, 64
+    /// height, 128 telemetry, 256 predicted loss of height.
     pub gate: u16,
     /// Battery voltage at rest.
     pub battery_v: f64,

@@ -10,7 +10,8 @@ use serde::{Deserialize, Serialize};
 pub struct MocapFrame {
     /// The vendor's frame number, unwrapped so that it never falls within one start of the bridge.
     pub frame: u64,
-    /// When the shutters were open, by the bridge's fit of frame numbers to arrival times less the latency setting.
+    /// When the shutters were open, by the bridge's fit of frame numbers to arrival times less the latency
+    /// setting.
     pub exposed_at: Time,
     /// When the last datagram of the frame reached this host.
     pub received_at: Time,

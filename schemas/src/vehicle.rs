@@ -29,7 +29,8 @@ pub enum Tracking {
     Tracking = 1,
     /// No accepted pose for more than one frame: predicted by the model, degrading.
     Coasting = 2,
-    /// A maneuver runs: commands are ignored by the vehicle, so the filter follows the cameras with wide gates.
+    /// A maneuver runs: commands are ignored by the vehicle, so the filter follows the cameras with wide
+    /// gates.
     Ballistic = 3,
 }
 
@@ -203,7 +204,8 @@ pub enum GoalKind {
     Land = 2,
 }
 
-/// What the flip manager wants of the hover controller for one vehicle; repeated, so that a restart learns it.
+/// What the flip manager wants of the hover controller for one vehicle; repeated, so that a restart learns
+/// it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Message, Serialize, Deserialize)]
 #[message(name = "flyarena/VehicleGoal")]
 pub struct VehicleGoal {

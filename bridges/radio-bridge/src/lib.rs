@@ -1,1 +1,335 @@
 //! Commands and parameters in, radio bytes out; telemetry back.
+//!
+//! ```text
+//!   vehicle/command ─▶ lease ─▶ slots ─┬─ 50 Hz ─▶ radio/tx, port command_link(vehicle): SBUS, 25 bytes
+//!                                      └─▶ vehicle/command-sent, as quantised
+//!   maneuver/upload ─▶ upload ─┐
+//!   maneuver/start  ─▶ orders ─┼─▶ data_link ─▶ radio/tx, port DATA_LINK: XBee TX16, escaped
+//!   maneuver/abort  ─▶ orders ─┤
+//!                       pings ─┘
+//!   radio/rx, port DATA_LINK ─▶ data_link ─┬─▶ Pong ─▶ clock: vehicle's uptime -> arena time
+//!                                          ├─▶ UploadReply ─▶ upload
+//!                                          └─▶ Status ─▶ delay, telemetry ─▶ vehicle/telemetry
+//! ```
+//!
+//! The *command link* is one way, a frame per vehicle and slot. In a slot for which there is no valid command
+//! the bridge is silent: it never repeats one, since silence is what the vehicle's own failsafe acts on. Of
+//! several controllers only the one with the highest lease epoch is heard.
+//!
+//! The *data link* loses frames, so what matters is repeated until it is known to have arrived: see
+//! [`Tuning`] for the intervals. Everything sent on either link leaves as [`DeviceBytes`] with the instant it
+//! was handed over.
+
+mod clock;
+mod data_link;
+mod delay;
+mod lease;
+mod orders;
+mod reports;
+mod slots;
+mod telemetry;
+mod tuning;
+mod upload;
+mod vehicle;
+
+use device::vehicle_link::Downlink;
+use device::xbee::TransmitResult;
+use quantity::{Span, Time};
+use schemas::{
+    CommandSent, DeviceBytes, ManeuverAbort, ManeuverStart, ManeuverUpload, Severity, VehicleCommand,
+    VehicleTelemetry, topics,
+};
+use service_core::{Core, Event, Outbox, Start};
+use settings::{Arena, ConfigError, Ports};
+
+use data_link::{DataLink, Heard};
+use lease::Admission;
+use reports::Reports;
+use slots::{Schedule, Served};
+use vehicle::{Pace, Reaction, Vehicle};
+
+pub use reports::Counters;
+pub use tuning::Tuning;
+
+service_core::inputs! {
+    /// What the bridge hears.
+    pub enum Input {
+        /// A command to a vehicle.
+        Command(VehicleCommand) = topics::VEHICLE_COMMAND,
+        /// A parameter set for a vehicle's store.
+        Upload(ManeuverUpload) = topics::MANEUVER_UPLOAD,
+        /// An order to begin a maneuver.
+        Start(ManeuverStart) = topics::MANEUVER_START,
+        /// An order to end one early.
+        Abort(ManeuverAbort) = topics::MANEUVER_ABORT,
+        /// Bytes from the data link's radio.
+        Received(DeviceBytes) = topics::RADIO_RX,
+    }
+}
+
+service_core::outputs! {
+    /// What the bridge says.
+    pub enum Output {
+        /// Bytes for a radio.
+        Transmit(DeviceBytes) = topics::RADIO_TX,
+        /// What a slot carried.
+        Sent(CommandSent) = topics::COMMAND_SENT,
+        /// What a vehicle reports.
+        Telemetry(VehicleTelemetry) = topics::VEHICLE_TELEMETRY,
+    }
+}
+
+/// Commands of an overtaken controller that may still be on their way; more of them mean that it is still
+/// there.
+const CONFLICT_COMMANDS_MIN: u64 = 3;
+/// Payloads in a row that a vehicle's radio has not acknowledged, before it is reported.
+const UNDELIVERED_REPORTED: u32 = 10;
+
+/// The radio bridge.
+#[derive(Clone, Debug)]
+pub struct RadioBridge {
+    schedule: Schedule,
+    pace: Pace,
+    telemetry_max: Span,
+    vehicles: Vec<Vehicle>,
+    data_link: DataLink,
+    reports: Reports,
+    counters: Counters,
+}
+
+impl Core for RadioBridge {
+    const NAME: &'static str = "radio-bridge";
+    type Tuning = Tuning;
+    type Input = Input;
+    type Output = Output;
+
+    fn new(arena: &Arena, tuning: Tuning, start: Start) -> Result<Self, ConfigError> {
+        tuning.check()?;
+        // Pings to several vehicles take turns, so that they do not meet on the air.
+        let share = Span::from_secs_f64(tuning.ping_young_s) / (arena.fleet.len().max(1) as i64);
+        let vehicles = arena.fleet.iter().zip(0i64..).map(|(member, index)| {
+            Vehicle::new(
+                &member.vehicle,
+                &tuning,
+                start.at.saturating_add(share * index),
+                start.seed.0 as u16,
+            )
+        });
+        Ok(Self {
+            schedule: Schedule::new(start.at, Span::from_secs_f64(tuning.slot_s)),
+            pace: Pace::new(&tuning),
+            telemetry_max: Span::from_secs_f64(tuning.telemetry_s_max),
+            vehicles: vehicles.collect(),
+            data_link: DataLink::new(),
+            reports: Reports::new(Span::from_secs_f64(tuning.report_s)),
+            counters: Counters::default(),
+        })
+    }
+
+    fn deadline(&self) -> Option<Time> {
+        Some(
+            self.vehicles
+                .iter()
+                .map(Vehicle::due_at)
+                .fold(self.schedule.next_at(), Time::min),
+        )
+    }
+
+    fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
+        match event {
+            Event::Deadline => {}
+            Event::Input(Input::Command(command)) => self.command(now, &command, out),
+            Event::Input(Input::Upload(message)) => self.upload(now, &message, out),
+            Event::Input(Input::Start(order)) => {
+                if let Some(vehicle) = self.vehicle(now, order.vehicle, out) {
+                    vehicle.start(now, order);
+                }
+            }
+            Event::Input(Input::Abort(order)) => {
+                let pace = self.pace;
+                if let Some(vehicle) = self.vehicle(now, order.vehicle, out) {
+                    vehicle.abort(now, order, &pace);
+                }
+            }
+            Event::Input(Input::Received(bytes)) => self.receive(now, &bytes, out),
+        }
+        self.serve_slot(now, out);
+        self.serve_data_link(now, out);
+    }
+}
+
+impl RadioBridge {
+    /// What went out and came in since the start, and what was left out of it.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        Counters {
+            slots_missed: self.schedule.missed(),
+            bytes_skipped: self.data_link.bytes_skipped(),
+            ..self.counters
+        }
+    }
+
+    /// The vehicle with that number; a number of no vehicle is reported.
+    fn vehicle(&mut self, now: Time, id: u8, out: &mut Outbox<Output>) -> Option<&mut Vehicle> {
+        let found = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id);
+        if found.is_none() {
+            self.counters.foreign += 1;
+            let detail = || format!("a message for vehicle {id}, which is not of this arena");
+            self.reports.warn(now, id, "vehicle-unknown", detail, out);
+        }
+        found
+    }
+
+    fn command(&mut self, now: Time, command: &VehicleCommand, out: &mut Outbox<Output>) {
+        let Some(vehicle) = self.vehicle(now, command.vehicle, out) else {
+            return;
+        };
+        match vehicle.lease.admit(command.lease_epoch) {
+            Admission::Held => vehicle.commands.command(now, *command),
+            Admission::TakenOver { from } => {
+                vehicle.commands.command(now, *command);
+                let detail = match from {
+                    None => format!("epoch {}, the first", command.lease_epoch),
+                    Some(from) => format!("epoch {} after {from}", command.lease_epoch),
+                };
+                out.event(now, Severity::Info, command.vehicle, "lease-taken", &detail);
+            }
+            Admission::Refused { holder, refused } => {
+                self.counters.commands_refused += 1;
+                if refused >= CONFLICT_COMMANDS_MIN {
+                    let detail = || {
+                        format!(
+                            "a controller of epoch {} commands on, {holder} holds",
+                            command.lease_epoch
+                        )
+                    };
+                    self.reports
+                        .warn(now, command.vehicle, "lease-conflict", detail, out);
+                }
+            }
+        }
+    }
+
+    fn upload(&mut self, now: Time, message: &ManeuverUpload, out: &mut Outbox<Output>) {
+        let pace = self.pace;
+        let Some(vehicle) = self.vehicle(now, message.vehicle, out) else {
+            return;
+        };
+        if let Err(computed) = vehicle.upload(now, message, &pace) {
+            let (set_id, digest) = (message.set_id, message.digest);
+            let detail = || format!("set {set_id} says {digest:016x}, its items come to {computed:016x}");
+            self.reports
+                .warn(now, message.vehicle, "upload-digest-mismatch", detail, out);
+        }
+    }
+
+    fn serve_slot(&mut self, now: Time, out: &mut Outbox<Output>) {
+        let Some(slot) = self.schedule.due(now) else {
+            return;
+        };
+        for vehicle in &mut self.vehicles {
+            match vehicle.commands.serve(now, slot, vehicle.delay.delay_s()) {
+                Served::Sent {
+                    bytes,
+                    report,
+                    resumed,
+                } => {
+                    self.counters.commands_sent += 1;
+                    out.publish(bytes);
+                    out.publish(report);
+                    if resumed {
+                        out.event(
+                            now,
+                            Severity::Info,
+                            vehicle.id,
+                            "command-sending",
+                            "the command link speaks",
+                        );
+                    }
+                }
+                Served::FellSilent(reason) => {
+                    out.event(now, Severity::Warning, vehicle.id, "command-silent", reason);
+                }
+                Served::Silent => {}
+            }
+            if vehicle.lose(now, self.telemetry_max) {
+                let detail = format!("no status for {}", self.telemetry_max);
+                out.event(now, Severity::Warning, vehicle.id, "telemetry-lost", &detail);
+            }
+        }
+    }
+
+    fn serve_data_link(&mut self, now: Time, out: &mut Outbox<Output>) {
+        for (vehicle, index) in self.vehicles.iter_mut().zip(0..) {
+            if now < vehicle.due_at() {
+                continue;
+            }
+            let (id, address) = (vehicle.id, vehicle.address);
+            let mut sent = Vec::new();
+            vehicle.serve(now, &self.pace, out, |uplink| {
+                sent.extend(self.data_link.transmit(now, &uplink, id, address, index));
+            });
+            self.counters.payloads_sent += sent.len() as u64;
+            sent.into_iter().for_each(|bytes| out.publish(bytes));
+        }
+    }
+
+    fn receive(&mut self, now: Time, received: &DeviceBytes, out: &mut Outbox<Output>) {
+        if received.port != Ports::DATA_LINK {
+            self.counters.foreign += 1;
+            return;
+        }
+        let arrived = received.at.min(now);
+        let Self {
+            data_link,
+            vehicles,
+            reports,
+            counters,
+            pace,
+            ..
+        } = self;
+        data_link.receive(&received.bytes, |heard| match heard {
+            Heard::Payload { source, data } => {
+                let Some(vehicle) = vehicles.iter_mut().find(|vehicle| vehicle.address == source) else {
+                    counters.payloads_misaddressed += 1;
+                    let detail = || format!("a payload from address {source:04X}, which is no vehicle's");
+                    return reports.warn(now, 0, "radio-unknown", detail, out);
+                };
+                match Downlink::decode(data) {
+                    Err(_) => counters.payloads_damaged += 1,
+                    Ok((id, _)) if id != vehicle.id => {
+                        counters.payloads_misaddressed += 1;
+                        let detail = || format!("the radio at {source:04X} says it is vehicle {id}");
+                        reports.warn(now, vehicle.id, "vehicle-address-mismatch", detail, out);
+                    }
+                    Ok((_, message)) => match vehicle.hear(now, &message, arrived, pace, out) {
+                        Reaction::Used => counters.payloads_received += 1,
+                        Reaction::Untimely => counters.payloads_untimely += 1,
+                        Reaction::Report(telemetry) => {
+                            counters.payloads_received += 1;
+                            out.publish(telemetry);
+                        }
+                    },
+                }
+            }
+            Heard::Transmitted { index, result } => {
+                let Some(vehicle) = vehicles.get_mut(usize::from(index)) else {
+                    return;
+                };
+                let delivered = result == TransmitResult::Success;
+                counters.payloads_undelivered += u64::from(!delivered);
+                if vehicle.transmitted(delivered) >= UNDELIVERED_REPORTED {
+                    let detail = || format!("payloads are not acknowledged: {result:?}");
+                    reports.warn(now, vehicle.id, "data-link-undelivered", detail, out);
+                }
+            }
+            Heard::Modem(status) => {
+                let detail = || format!("the data link's radio reports status {status:02X}");
+                reports.warn(now, 0, "radio-status", detail, out);
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests;

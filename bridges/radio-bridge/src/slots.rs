@@ -1,10 +1,11 @@
 //! The command link: at each slot the newest valid command of each vehicle, or silence.
 //!
-//! Slots follow an absolute schedule, so that a late wake-up shifts no other slot. A slot that cannot begin within its
-//! first half is left out: frames are never sent in a burst, and the vehicle can tell a pause from a stutter.
+//! Slots follow an absolute schedule, so that a late wake-up shifts no other slot. A slot that cannot begin
+//! within its first half is left out: frames are never sent in a burst, and the vehicle can tell a pause from
+//! a stutter.
 //!
-//! An old command is never repeated. The vehicle watches the age of its newest frame and holds level, then lands, by
-//! itself; a bridge that repeats a dead controller's last word takes that away from it.
+//! An old command is never repeated. The vehicle watches the age of its newest frame and holds level, then
+//! lands, by itself; a bridge that repeats a dead controller's last word takes that away from it.
 
 use device::sbus;
 use device::vehicle_link::{CommandFrame, CommandMode as LinkMode, roll_pitch_rad};
@@ -36,7 +37,12 @@ pub(crate) struct Slot {
 impl Schedule {
     /// Slot k begins at `start` + k·`length`.
     pub(crate) const fn new(start: Time, length: Span) -> Self {
-        Self { start, length, next: 0, missed: 0 }
+        Self {
+            start,
+            length,
+            next: 0,
+            missed: 0,
+        }
     }
 
     /// When the next slot begins.
@@ -56,18 +62,27 @@ impl Schedule {
         }
         let current = ((now - self.start).as_nanos() / self.length.as_nanos()) as u64;
         let late = now - self.begin(current);
-        let number = if late <= self.length / 2 { current } else { current + 1 };
+        let number = if late <= self.length / 2 {
+            current
+        } else {
+            current + 1
+        };
         self.missed += number - self.next;
         if number > current {
             self.next = number;
             return None;
         }
         self.next = number + 1;
-        Some(Slot { number, next_at: self.next_at() })
+        Some(Slot {
+            number,
+            next_at: self.next_at(),
+        })
     }
 
     fn begin(&self, slot: u64) -> Time {
-        self.start.saturating_add(Span::from_nanos(self.length.as_nanos().saturating_mul(slot as i64)))
+        self.start.saturating_add(Span::from_nanos(
+            self.length.as_nanos().saturating_mul(slot as i64),
+        ))
     }
 }
 
@@ -103,7 +118,14 @@ pub(crate) enum Served {
 impl CommandLink {
     /// A link that has sent nothing; commands over `age_max` old are not sent.
     pub(crate) const fn new(vehicle: u8, age_max: Span) -> Self {
-        Self { vehicle, age_max, newest: None, counter: 0, sent_at: [None; COUNTERS], talking: false }
+        Self {
+            vehicle,
+            age_max,
+            newest: None,
+            counter: 0,
+            sent_at: [None; COUNTERS],
+            talking: false,
+        }
     }
 
     /// A command its lease allows.
@@ -118,16 +140,12 @@ impl CommandLink {
 
     /// Serves a slot; `link_delay_s` is for the report.
     pub(crate) fn serve(&mut self, now: Time, slot: Slot, link_delay_s: f64) -> Served {
-        let usable = match &self.newest {
-            None => Err("no command"),
-            Some((command, _)) if command.valid_until < now => Err("the newest command's validity is over"),
-            Some((_, at)) if now - *at > self.age_max => Err("the newest command is too old"),
-            Some((command, _)) => frame(command, self.counter).ok_or("the newest command is not finite"),
+        let command = match self.usable(now) {
+            Ok(command) => command,
+            Err(reason) => return self.fall_silent(reason),
         };
-        let ((frame, channels), command) = match (usable, &self.newest) {
-            (Ok(encoded), Some((command, _))) => (encoded, command),
-            (Err(reason), _) => return self.fall_silent(reason),
-            (Ok(_), None) => return self.fall_silent("no command"),
+        let Some((frame, channels)) = frame(&command, self.vehicle, self.counter) else {
+            return self.fall_silent("the newest command is not finite");
         };
         let report = CommandSent {
             vehicle: self.vehicle,
@@ -144,17 +162,261 @@ impl CommandLink {
         let bytes = DeviceBytes {
             port: Ports::command_link(self.vehicle),
             at: now,
-            bytes: bytes.as_slice().try_into().expect("25 bytes are within the bound of device bytes"),
+            bytes: bytes
+                .as_slice()
+                .try_into()
+                .expect("25 bytes are within the bound of device bytes"),
         };
         self.sent_at[usize::from(self.counter)] = Some(now);
         self.counter = CommandFrame::next_counter(self.counter);
         let resumed = !std::mem::replace(&mut self.talking, true);
-        Served::Sent { bytes, report, resumed }
+        Served::Sent {
+            bytes,
+            report,
+            resumed,
+        }
+    }
+
+    fn usable(&self, now: Time) -> Result<VehicleCommand, &'static str> {
+        match &self.newest {
+            None => Err("no command"),
+            Some((command, _)) if command.valid_until < now => Err("the newest command's validity is over"),
+            Some((_, at)) if now - *at > self.age_max => Err("the newest command is too old"),
+            Some((command, _)) => Ok(*command),
+        }
     }
 
     fn fall_silent(&mut self, reason: &'static str) -> Served {
         // What is too old now will not get younger.
         self.newest = None;
-        if std::mem::replace(&mut self.talking, false) { Served::FellSilent(reason) } else { Served::Silent }
+        if std::mem::replace(&mut self.talking, false) {
+            Served::FellSilent(reason)
+        } else {
+            Served::Silent
+        }
+    }
+}
+
+/// The frame as the vehicle will read it, and its channels.
+fn frame(command: &VehicleCommand, vehicle: u8, counter: u8) -> Option<(CommandFrame, [u16; 16])> {
+    let (roll_rad, pitch_rad) = roll_pitch_rad(command.orientation);
+    let frame = CommandFrame {
+        mode: match command.mode {
+            CommandMode::Disarmed => LinkMode::Disarmed,
+            CommandMode::Fly => LinkMode::Fly,
+            CommandMode::Descend => LinkMode::Descend,
+        },
+        counter,
+        collective_m_s2: command.collective_m_s2,
+        rate_rad_s: command.rate_rad_s,
+        // A controller that orders the emergency descent has no estimate left to hint at.
+        hints_valid: command.mode != CommandMode::Descend,
+        roll_rad,
+        pitch_rad,
+        height_m: command.height_m,
+        vertical_speed_m_s: command.vertical_speed_m_s,
+        epoch_low: command.lease_epoch as u8,
+    };
+    let channels = frame.encode(vehicle).ok()?;
+    CommandFrame::decode(&channels)
+        .ok()
+        .map(|(_, as_sent)| (as_sent, channels))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use quantity::{Rotation, Vector};
+
+    fn ms(milliseconds: i64) -> Time {
+        Time::ZERO + Span::from_millis(milliseconds)
+    }
+
+    fn command(valid_until: Time) -> VehicleCommand {
+        VehicleCommand {
+            vehicle: 3,
+            mode: CommandMode::Fly,
+            lease_epoch: 0x107,
+            valid_until,
+            collective_m_s2: 9.81,
+            rate_rad_s: Vector::new(1.0, -2.1, 0.5),
+            orientation: Rotation::from_yaw_pitch_roll(2.0, -0.2, 0.1),
+            height_m: 4.0,
+            vertical_speed_m_s: -0.3,
+        }
+    }
+
+    fn link() -> CommandLink {
+        CommandLink::new(3, Span::from_millis(60))
+    }
+
+    const GOLDEN: [u8; 25] = [
+        0x0F, 0x55, 0x6C, 0x5A, 0xD1, 0x56, 0x88, 0xB3, 0x10, 0xFA, 0x0D, 0x50, 0xDA, 0x1B, 0xC0, 0x01, 0x02,
+        0x00, 0x00, 0x00, 0x04, 0x00, 0xA2, 0x00, 0x00,
+    ];
+    const SLOT: Slot = Slot {
+        number: 5,
+        next_at: Time::from_nanos(120_000_000),
+    };
+
+    #[test]
+    fn slots_follow_the_absolute_schedule_once_each() {
+        let mut schedule = Schedule::new(ms(1000), Span::from_millis(20));
+        assert_eq!((schedule.next_at(), schedule.due(ms(999))), (ms(1000), None));
+        for number in 0..100 {
+            let late = Span::from_micros(number * 37 % 900);
+            let at = ms(1000 + 20 * number) + late;
+            let slot = schedule.due(at).expect("due");
+            assert_eq!(
+                (slot.number, slot.next_at),
+                (number as u64, ms(1020 + 20 * number))
+            );
+            assert_eq!(schedule.due(at), None);
+        }
+        assert_eq!(schedule.missed(), 0);
+    }
+
+    #[test]
+    fn a_late_driver_gets_no_burst() {
+        let mut schedule = Schedule::new(ms(0), Span::from_millis(20));
+        assert_eq!(schedule.due(ms(0)).map(|slot| slot.number), Some(0));
+        // Early in slot 7: that one, and none of those missed.
+        assert_eq!(
+            schedule.due(ms(149)),
+            Some(Slot {
+                number: 7,
+                next_at: ms(160)
+            })
+        );
+        assert_eq!((schedule.missed(), schedule.due(ms(150))), (6, None));
+        // Late in slot 9: left out, the next is 10.
+        assert_eq!(
+            (schedule.due(ms(195)), schedule.next_at(), schedule.missed()),
+            (None, ms(200), 8)
+        );
+        let mut sent = vec![];
+        for at in (195..1000).step_by(3).filter(|at| at % 70 < 50) {
+            sent.extend(schedule.due(ms(at)).map(|_| at));
+        }
+        assert!(sent.windows(2).all(|pair| pair[1] - pair[0] >= 10), "{sent:?}");
+    }
+
+    #[test]
+    fn a_frame_is_the_golden_one_of_the_channel_map() {
+        let mut link = link();
+        link.counter = 19;
+        link.command(ms(90), command(ms(150)));
+        let Served::Sent {
+            bytes,
+            report,
+            resumed,
+        } = link.serve(ms(100), SLOT, 0.018)
+        else {
+            panic!("silent")
+        };
+        assert!(resumed);
+        assert_eq!((bytes.port, bytes.at, bytes.bytes.len()), (0x103, ms(100), 25));
+        // Packed and sealed by a separate program from the channels 1109 845 837 1067 824 1057 894 640 986 3
+        // 7 1 0 0 1 that the map's table gives for this command.
+        assert_eq!(bytes.bytes[..], GOLDEN);
+        assert_eq!((report.vehicle, report.slot, report.lease_epoch), (3, 5, 0x107));
+        assert_eq!(
+            (report.sent_at, report.next_slot_at, report.link_delay_s),
+            (ms(100), ms(120), 0.018)
+        );
+    }
+
+    #[test]
+    fn the_report_is_what_the_vehicle_reads() {
+        let mut link = link();
+        link.command(ms(90), command(ms(150)));
+        let Served::Sent { bytes, report, .. } = link.serve(ms(100), SLOT, 0.018) else {
+            panic!("silent")
+        };
+        let channels = sbus::Frame::decode(bytes.bytes[..].try_into().expect("25"))
+            .expect("a frame")
+            .channels;
+        let (vehicle, frame) = CommandFrame::decode(&channels).expect("sealed");
+        assert_eq!((vehicle, frame.mode, frame.hints_valid), (3, LinkMode::Fly, true));
+        assert_eq!(
+            (report.collective_m_s2, report.rate_rad_s),
+            (frame.collective_m_s2, frame.rate_rad_s)
+        );
+        assert_ne!(report.collective_m_s2, 9.81);
+        assert!((frame.pitch_rad + 0.2).abs() < 1e-3 && (frame.roll_rad - 0.1).abs() < 2e-3);
+    }
+
+    #[test]
+    fn what_is_stale_or_expired_is_never_sent_and_never_repeated() {
+        for (valid_until, at) in [(ms(99), ms(100)), (ms(1000), ms(161))] {
+            let mut link = link();
+            link.command(ms(100).min(at), command(valid_until));
+            assert_eq!(link.serve(at, SLOT, 0.018), Served::Silent);
+        }
+        let mut link = link();
+        assert_eq!(
+            link.serve(ms(0), SLOT, 0.018),
+            Served::Silent,
+            "never commanded, never heard"
+        );
+        link.command(ms(100), command(ms(130)));
+        assert!(matches!(link.serve(ms(100), SLOT, 0.018), Served::Sent { .. }));
+        assert!(matches!(
+            link.serve(ms(120), SLOT, 0.018),
+            Served::Sent { resumed: false, .. }
+        ));
+        assert!(matches!(link.serve(ms(140), SLOT, 0.018), Served::FellSilent(_)));
+        assert_eq!(link.serve(ms(160), SLOT, 0.018), Served::Silent);
+        link.command(ms(170), command(ms(230)));
+        assert!(matches!(
+            link.serve(ms(180), SLOT, 0.018),
+            Served::Sent { resumed: true, .. }
+        ));
+    }
+
+    #[test]
+    fn frames_count_round_and_remember_when_they_went() {
+        let mut link = link();
+        for slot in 0..70 {
+            let at = ms(20 * slot);
+            link.command(at, command(at));
+            assert!(matches!(link.serve(at, SLOT, 0.018), Served::Sent { .. }));
+        }
+        assert_eq!(link.sent_at((69 % 32) as u8), Some(ms(69 * 20)));
+        assert_eq!(link.sent_at((38 % 32) as u8), Some(ms(38 * 20)));
+        assert_eq!(link.sent_at(32), None);
+    }
+
+    #[test]
+    fn no_number_no_frame() {
+        let mut link = link();
+        link.command(
+            ms(100),
+            VehicleCommand {
+                collective_m_s2: f64::NAN,
+                ..command(ms(150))
+            },
+        );
+        assert_eq!(link.serve(ms(100), SLOT, 0.018), Served::Silent);
+    }
+
+    #[test]
+    fn a_descent_is_ordered_without_hints() {
+        let mut link = link();
+        link.command(
+            ms(100),
+            VehicleCommand {
+                mode: CommandMode::Descend,
+                ..command(ms(150))
+            },
+        );
+        let Served::Sent { bytes, .. } = link.serve(ms(100), SLOT, 0.018) else {
+            panic!("silent")
+        };
+        let channels = sbus::Frame::decode(bytes.bytes[..].try_into().expect("25"))
+            .expect("a frame")
+            .channels;
+        let (_, frame) = CommandFrame::decode(&channels).expect("sealed");
+        assert_eq!((frame.mode, frame.hints_valid), (LinkMode::Descend, false));
     }
 }

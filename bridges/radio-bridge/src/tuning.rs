@@ -11,8 +11,8 @@ pub struct Tuning {
     pub slot_s: f64,
     /// A command older than this is not sent; default 0.06 (three slots).
     pub command_age_s_max: f64,
-    /// From a frame's arrival at the vehicle to its effect, on average: half a tick of its 800 Hz loop; default
-    /// 0.000625.
+    /// From a frame's arrival at the vehicle to its effect, on average: half a tick of its 800 Hz loop;
+    /// default 0.000625.
     pub action_delay_s: f64,
     /// Time between two rounds of an upload; default 0.04.
     pub upload_retry_s: f64,
@@ -32,8 +32,9 @@ pub struct Tuning {
     pub ping_young_answers: u32,
     /// How long an answered ping counts in the fit; default 12.0.
     pub clock_window_s: f64,
-    /// Known least delay from the vehicle, less that to it; default 0.0. Differing lengths of ping and answer, and
-    /// different radios, make one way slower than the other, which no exchange of stamps can show.
+    /// Known least delay from the vehicle, less that to it; default 0.0. Differing lengths of ping and
+    /// answer, and different radios, make one way slower than the other, which no exchange of stamps can
+    /// show.
     pub downlink_extra_s: f64,
     /// Silence after which a vehicle's telemetry is reported lost; default 1.0.
     pub telemetry_s_max: f64,
@@ -76,7 +77,12 @@ impl Tuning {
         in_range("abort_repeats", f64::from(self.abort_repeats), 1.0, 100.0)?;
         in_range("ping_s", self.ping_s, 0.02, 10.0)?;
         in_range("ping_young_s", self.ping_young_s, 0.01, 10.0)?;
-        in_range("ping_young_answers", f64::from(self.ping_young_answers), 0.0, 1000.0)?;
+        in_range(
+            "ping_young_answers",
+            f64::from(self.ping_young_answers),
+            0.0,
+            1000.0,
+        )?;
         in_range("clock_window_s", self.clock_window_s, 1.0, 120.0)?;
         in_range("downlink_extra_s", self.downlink_extra_s, -0.1, 0.1)?;
         in_range("telemetry_s_max", self.telemetry_s_max, 0.05, 60.0)?;
@@ -89,5 +95,11 @@ fn in_range(key: &str, value: f64, min: f64, max: f64) -> Result<(), ConfigError
         return Ok(());
     }
     let (file, key) = ("services.toml".to_owned(), format!("[radio-bridge] {key}"));
-    Err(ConfigError::OutOfRange { file, key, value, min, max })
+    Err(ConfigError::OutOfRange {
+        file,
+        key,
+        value,
+        min,
+        max,
+    })
 }

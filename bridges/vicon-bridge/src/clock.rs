@@ -1,17 +1,17 @@
 //! When the shutters were open: frame numbers fitted to arrival times.
 //!
-//! The stream carries no time stamp. What arrives is: exposure, plus a delay that is never below some least one, plus
-//! jitter of the vendor's program, the network and the kernel. Frames are exposed at an even rate, so the line of
-//! arrival over frame number that the fastest frames lie on is exposure plus the least delay, and the rest of every
-//! frame's delay can be taken off. The least delay itself cannot be seen from here; it is the setting
-//! `links.mocap_latency_s`.
+//! The stream carries no time stamp. What arrives is: exposure, plus a delay that is never below some least
+//! one, plus jitter of the vendor's program, the network and the kernel. Frames are exposed at an even rate,
+//! so the line of arrival over frame number that the fastest frames lie on is exposure plus the least delay,
+//! and the rest of every frame's delay can be taken off. The least delay itself cannot be seen from here; it
+//! is the setting `links.mocap_latency_s`.
 //!
 //! 1. The period starts as the median of slopes over pairs of the first frames, which stalls do not bend.
-//! 2. Of every ten frames the fastest counts. Through the fastest ones of some seconds goes a least-squares line, which
-//!    gives level and period; those later than jitter explains are left out. So the fit follows a drift of the vendor's
-//!    clock, and a stall leaves no mark on it.
-//! 3. Where arrivals break with the line for good (another frame rate, another path, another count) the fit starts over.
-//!    Until it is made anew, a frame's exposure is its own arrival less the latency.
+//! 2. Of every ten frames the fastest counts. Through the fastest ones of some seconds goes a least-squares
+//!    line, which gives level and period; those later than jitter explains are left out. So the fit follows a
+//!    drift of the vendor's clock, and a stall leaves no mark on it.
+//! 3. Where arrivals break with the line for good (another frame rate, another path, another count) the fit
+//!    starts over. Until it is made anew, a frame's exposure is its own arrival less the latency.
 
 use std::collections::VecDeque;
 
@@ -89,8 +89,8 @@ impl FrameClock {
         self.start.clear();
     }
 
-    /// When the shutters were open for a frame whose first datagram came at `arrived`: after every frame before it,
-    /// and never after its own arrival.
+    /// When the shutters were open for a frame whose first datagram came at `arrived`: after every frame
+    /// before it, and never after its own arrival.
     pub(crate) fn exposed_at(&mut self, frame: u64, arrived: Time) -> Time {
         let fastest = self
             .fit

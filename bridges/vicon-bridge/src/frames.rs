@@ -13,7 +13,8 @@ pub(crate) enum Sighting {
     New(u64),
     /// The newest frame once more.
     Same,
-    /// An earlier frame: out of order, or the vendor's system starts over, which only its next frames will tell.
+    /// An earlier frame: out of order, or the vendor's system starts over, which only its next frames will
+    /// tell.
     Late,
     /// A frame of a vendor's system that has started over, by its unwrapped number.
     Restarted(u64),
@@ -36,7 +37,8 @@ struct Behind {
 }
 
 impl FrameCounter {
-    /// A count that has not begun; a run of numbers behind the newest means a restart if it lasts for `restart`.
+    /// A count that has not begun; a run of numbers behind the newest means a restart if it lasts for
+    /// `restart`.
     pub(crate) const fn new(restart: Span) -> Self {
         Self {
             restart,

@@ -5,8 +5,8 @@
 //!     │  vicon/rx (DeviceBytes, stamped with the kernel's arrival time)
 //!     ▼
 //!   decode     device::vicon; anything else is counted and dropped
-//!   number     frames:   u32 -> u64 that never falls; late and repeated numbers dropped, a vendor's restart found
-//!   clock      clock:    frame number -> exposure, by the fastest of many arrivals, less links.mocap_latency_s
+//!   number     frames:   u32 -> u64 that never falls; late numbers dropped, a vendor's restart found
+//!   clock      clock:    frame number -> exposure, by the fastest arrivals less links.mocap_latency_s
 //!   names      subjects: subject name -> vehicle; strangers reported once each
 //!   judge      poses:    not finite, zero, repeated, absurd -> not seen; the rest in metres and quaternions
 //!   merge      frames:   datagrams of one number -> one frame
@@ -15,9 +15,10 @@
 //!   estimator, flip-manager
 //! ```
 //!
-//! A frame goes out as soon as it has spoken of every vehicle that was reported within the last second; else with the
-//! first datagram of the next frame, or two milliseconds after its own first. A vehicle the cameras do not see is left
-//! out of the frame; a frame without any is still sent, since it says that the cameras work.
+//! A frame goes out as soon as it has spoken of every vehicle that was reported within the last second; else
+//! with the first datagram of the next frame, or two milliseconds after its own first. A vehicle the cameras
+//! do not see is left out of the frame; a frame without any is still sent, since it says that the cameras
+//! work.
 
 mod clock;
 mod frames;

@@ -1,9 +1,9 @@
 //! Which of the poses the cameras report may be believed.
 //!
-//! The stream has no sign of occlusion: a vehicle that is not seen may be absent, at zero, or repeat its last pose.
-//! A number may be no number, and a changed unit at the vendor's system makes millimetres of metres. What gets past
-//! here is finite, new, somewhere near the hall, and of unit length; whether it is *plausible* is the estimator's
-//! question, who knows how the vehicle moved before.
+//! The stream has no sign of occlusion: a vehicle that is not seen may be absent, at zero, or repeat its last
+//! pose. A number may be no number, and a changed unit at the vendor's system makes millimetres of metres.
+//! What gets past here is finite, new, somewhere near the hall, and of unit length; whether it is *plausible*
+//! is the estimator's question, who knows how the vehicle moved before.
 
 use device::vicon::{Object, euler_to_rotation};
 use quantity::{Body, Rotation, Span, Time, Vector, World};
@@ -15,7 +15,7 @@ const ANGLE_RAD_MAX: f64 = 4.0 * core::f64::consts::PI;
 const SLIP_TOLERANCE_M: f64 = 0.01;
 /// Below this distance from the origin the two cannot be told apart.
 const SLIP_DISTANCE_M_MIN: f64 = 0.3;
-/// The last good pose says nothing about the next one for longer.
+/// The last good pose says nothing about what is seen after a longer pause.
 const SLIP_MEMORY: Span = Span::from_secs(2);
 
 /// A pose in our units and frames.
@@ -143,12 +143,18 @@ impl PoseGuard {
         self.newest_bits = Some(bits);
     }
 
-    fn is_unit_slip(&self, position_m: Vector<World>, at: Time) -> bool {
-        self.accepted.is_some_and(|(accepted_at, accepted_m)| {
-            at - accepted_at < SLIP_MEMORY
-                && accepted_m.norm() > SLIP_DISTANCE_M_MIN
-                && (position_m - accepted_m * 1e-3).norm() < SLIP_TOLERANCE_M
-        })
+    /// While a slip lasts, the last good pose is remembered.
+    fn is_unit_slip(&mut self, position_m: Vector<World>, at: Time) -> bool {
+        let Some((seen_at, accepted_m)) = &mut self.accepted else {
+            return false;
+        };
+        let slipped = at - *seen_at < SLIP_MEMORY
+            && accepted_m.norm() > SLIP_DISTANCE_M_MIN
+            && (position_m - *accepted_m * 1e-3).norm() < SLIP_TOLERANCE_M;
+        if slipped {
+            *seen_at = at;
+        }
+        slipped
     }
 }
 
@@ -254,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn metres_in_place_of_millimetres_are_refused_for_a_while() {
+    fn metres_in_place_of_millimetres_are_refused_while_they_last() {
         let (mut guard, limits) = (PoseGuard::default(), limits(0));
         let second = |n| Time::ZERO + Span::from_millis(n);
         assert!(
@@ -272,10 +278,23 @@ mod tests {
                 .judge(&object([1501.0, 0.0, 5001.0], [0.1; 3]), second(10), &limits)
                 .is_ok()
         );
+        for step in 2..2_000 {
+            let seen = guard.judge(
+                &object([1.5 + 1e-6 * step as f64, 0.0, 5.0], [0.1; 3]),
+                second(5 * step),
+                &limits,
+            );
+            assert_eq!(seen, Err(Refusal::UnitSlip));
+        }
+        assert!(
+            guard
+                .judge(&object([1510.0, 0.0, 5001.0], [0.1; 3]), second(10_000), &limits)
+                .is_ok()
+        );
         // A vehicle that was not seen for long may well stand at the origin.
         assert!(
             guard
-                .judge(&object(slipped, [0.1; 3]), second(2_100), &limits)
+                .judge(&object(slipped, [0.1; 3]), second(12_100), &limits)
                 .is_ok()
         );
     }

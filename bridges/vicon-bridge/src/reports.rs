@@ -53,7 +53,8 @@ impl Reports {
         }
     }
 
-    /// Reports a warning, unless one of its kind was reported lately; those are counted and told of with the next.
+    /// Reports a warning, unless one of its kind was reported lately; those are counted and told of with the
+    /// next.
     pub(crate) fn warn(
         &mut self,
         now: Time,

@@ -11,8 +11,8 @@ pub struct Tuning {
     pub merge_s: f64,
     /// A vehicle not reported for longer is no longer waited for; default 1.0.
     pub expect_s: f64,
-    /// How often a pose may repeat bit for bit before it counts as not seen; default 0. Real cameras never repeat a
-    /// pose; noise-free simulated ones do, of a vehicle at rest.
+    /// How often a pose may repeat bit for bit before it counts as not seen; default 0. Real cameras never
+    /// repeat a pose; noise-free simulated ones do, of a vehicle at rest.
     pub identical_poses_accepted: u32,
     /// Repeats after which a pose is reported as frozen; default 5.
     pub identical_poses_reported: u32,
@@ -24,10 +24,11 @@ pub struct Tuning {
     pub silent_s: f64,
     /// Least time between two reports of the same kind; default 1.0.
     pub report_s: f64,
-    /// Frame numbers that run on behind the newest for longer mean that the vendor's system was restarted; default
-    /// 0.05.
+    /// Frame numbers that run on behind the newest for longer mean that the vendor's system was restarted;
+    /// default 0.05.
     pub restart_s: f64,
-    /// Delays up to so much above the least are taken for jitter in the fit of frame numbers to time; default 0.0005.
+    /// Delays up to so much above the least are taken for jitter in the fit of frame numbers to time; default
+    /// 0.0005.
     pub clock_jitter_s: f64,
     /// Deviations from the fit beyond it that persist mean another frame rate or another path; default 0.001.
     pub clock_break_s: f64,

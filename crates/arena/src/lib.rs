@@ -1,6 +1,7 @@
 //! The front door's library: experiments in virtual time, their reports and pictures, and the supervisor of a live
 //! arena.
 
+pub mod campaign;
 pub mod director;
 pub mod experiment;
 pub mod figures;

@@ -24,6 +24,18 @@ const STEP_M_S2_MAX: f64 = 1.5;
 const STEP_RATIO_MAX: f64 = 0.3;
 const STEP_S_MIN: f64 = 0.02;
 
+/// What a descent computes with, and when it is done.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Goal {
+    pub grid: Grid,
+    /// Norm of the final error that is good enough.
+    pub tolerance: f64,
+    /// Relative improvement of one iteration that is not worth another.
+    pub stall: f64,
+    /// Width of the Jacobian's differences, relative to the usual one.
+    pub width: f64,
+}
+
 /// Where a descent ended.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Descent {
@@ -39,25 +51,27 @@ impl Descent {
     }
 }
 
-/// Levenberg and Marquardt's damped least squares on |F|, inside the box, until the norm is below `tolerance` or
-/// nothing helps any more. `width` is that of the Jacobian's differences.
+/// Levenberg and Marquardt's damped least squares on |F|, inside the box, until the goal is reached or nothing helps
+/// any more.
 pub(crate) fn descend(
     problem: &Problem<'_>,
     bounds: &Bounds,
     start: [f64; 5],
-    grid: Grid,
-    tolerance: f64,
-    width: f64,
+    goal: Goal,
 ) -> Result<Descent, PrimitiveError> {
     let parameters = bounds.clamp(start);
-    let here = problem.evaluate(&parameters, grid)?;
-    let mut at = Descent { parameters, here, limits: Limits::NONE };
+    let here = problem.evaluate(&parameters, goal.grid)?;
+    let mut at = Descent {
+        parameters,
+        here,
+        limits: Limits::NONE,
+    };
     let mut damping = 1e-3;
     for _ in 0..ITERATIONS_MAX {
-        if at.norm() < tolerance {
+        if at.norm() < goal.tolerance {
             break;
         }
-        let jacobian = matrix(&problem.jacobian(&at.parameters, &at.here, grid, width)?);
+        let jacobian = matrix(&problem.jacobian(&at.parameters, &at.here, goal.grid, goal.width)?);
         let gradient = jacobian.transpose() * vector(&at.here);
         at.limits = bounds.pressed(&at.parameters, &gradient.into());
         let normal = jacobian.transpose() * jacobian;
@@ -68,7 +82,7 @@ pub(crate) fn descend(
             if let Some(step) = step.map(|step| shortened(step, &at.parameters)) {
                 let trial = bounds.clamp(array::from_fn(|index| at.parameters[index] + step[index]));
                 // A trial that is no flip at all is refused like one that is worse.
-                if let Ok(there) = problem.evaluate(&trial, grid)
+                if let Ok(there) = problem.evaluate(&trial, goal.grid)
                     && there.error.norm() < before
                 {
                     (at.parameters, at.here) = (trial, there);
@@ -79,7 +93,7 @@ pub(crate) fn descend(
             }
             damping *= 10.0;
         }
-        if !improved || at.norm() > before * (1.0 - 1e-7) {
+        if !improved || at.norm() > before * (1.0 - goal.stall) {
             break;
         }
     }
@@ -104,7 +118,10 @@ fn damped_step(
             downhill[index] = 0.0;
         }
     }
-    matrix.lu().solve(&downhill).filter(|step| step.iter().all(|component| component.is_finite()))
+    matrix
+        .lu()
+        .solve(&downhill)
+        .filter(|step| step.iter().all(|component| component.is_finite()))
 }
 
 /// The same direction, no component longer than its limit.
@@ -122,40 +139,60 @@ fn shortened(step: Vector5<f64>, parameters: &[f64; 5]) -> Vector5<f64> {
     step * scale
 }
 
-/// Quasi-Newton steps with Broyden's updates from a point close to a solution, given a Jacobian of roughly there,
-/// until the norm is below `tolerance`: a fine grid needs about three evaluations so, and not one Jacobian. `None` if
-/// it does not get there.
-pub(crate) fn polish(
-    problem: &Problem<'_>,
-    start: [f64; 5],
-    jacobian: &[[f64; 5]; 5],
-    grid: Grid,
-    tolerance: f64,
-) -> Option<Descent> {
-    // Columns per the size of a typical change: without it, Broyden's update would blame everything on U1 and U5.
-    let scales = Vector5::new(1.0, 0.01, 0.01, 1.0, 0.01);
-    let mut inverse = (matrix(jacobian) * Matrix5::from_diagonal(&scales)).try_inverse()?;
-    let mut parameters = start;
-    let mut here = problem.evaluate(&parameters, grid).ok()?;
-    for _ in 0..POLISH_STEPS_MAX {
-        if here.error.norm() < tolerance {
-            return Some(Descent { parameters, here, limits: Limits::NONE });
-        }
-        let step = -(inverse * vector(&here));
-        let moved = step.component_mul(&scales);
-        parameters = array::from_fn(|index| parameters[index] + moved[index]);
-        let there = problem.evaluate(&parameters, grid).ok()?;
-        if there.error.norm() > 0.5 * here.error.norm() {
-            return None;
-        }
-        let change = inverse * (vector(&there) - vector(&here));
-        let along = step.dot(&change);
-        if along != 0.0 {
-            inverse += (step - change) * (step.transpose() * inverse) / along;
-        }
-        here = there;
+/// Quasi-Newton steps with Broyden's updates, for the last steps to a solution: on a fine grid they need about three
+/// evaluations and not one Jacobian.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct QuasiNewton {
+    /// Scaled parameter change per change of the final error.
+    inverse: Matrix5<f64>,
+}
+
+impl QuasiNewton {
+    /// Starts with a Jacobian of roughly there, which may be one of a coarser grid. `None` if it is singular.
+    pub fn new(jacobian: &[[f64; 5]; 5]) -> Option<Self> {
+        let inverse = (matrix(jacobian) * Matrix5::from_diagonal(&scales())).try_inverse()?;
+        Some(Self { inverse })
     }
-    None
+
+    /// From `parameters`, whose evaluation on this grid is `here`, until the norm is below `tolerance`. `None` if it
+    /// does not get there.
+    pub fn polish(
+        &mut self,
+        problem: &Problem<'_>,
+        mut parameters: [f64; 5],
+        mut here: Evaluation,
+        grid: Grid,
+        tolerance: f64,
+    ) -> Option<Descent> {
+        for _ in 0..POLISH_STEPS_MAX {
+            if here.error.norm() < tolerance {
+                return Some(Descent {
+                    parameters,
+                    here,
+                    limits: Limits::NONE,
+                });
+            }
+            let step = -(self.inverse * vector(&here));
+            let moved = step.component_mul(&scales());
+            parameters = array::from_fn(|index| parameters[index] + moved[index]);
+            let there = problem.evaluate(&parameters, grid).ok()?;
+            if there.error.norm() > 0.5 * here.error.norm() {
+                return None;
+            }
+            let change = self.inverse * (vector(&there) - vector(&here));
+            let along = step.dot(&change);
+            if along != 0.0 {
+                self.inverse += (step - change) * (step.transpose() * self.inverse) / along;
+            }
+            here = there;
+        }
+        None
+    }
+}
+
+/// Sizes of typical changes. Without them Broyden's update would blame everything on U1 and U5.
+fn scales() -> Vector5<f64> {
+    Vector5::new(1.0, 0.01, 0.01, 1.0, 0.01)
 }
 
 pub(crate) fn matrix(rows: &[[f64; 5]; 5]) -> Matrix5<f64> {

@@ -4,8 +4,6 @@
 //! the step below computes the rotation first and carries sine and cosine along by turning them a small angle, which
 //! is several times cheaper than computing them anew at each of the four stages.
 
-use core::array;
-
 use quantity::{GRAVITY_M_S2, math};
 
 use crate::lanes::Lanes;
@@ -102,37 +100,11 @@ impl Coefficients {
         thrust.at_least(self.thrust_min).at_most(self.thrust_max)
     }
 
-    /// The integral after a step that began with `before` and would end with `after`, by the model's rule.
-    ///
-    /// Conditional integration admits no more than what brings the command to its limit. The step that would cross
-    /// the limit counts in part: a step that counted whole or not at all would make the final error jump with the
-    /// parameters, and a Jacobian of it meaningless.
-    #[inline(always)]
-    pub fn admitted<const N: usize>(
-        &self,
-        share: Lanes<N>,
-        rate_error: Lanes<N>,
-        before: Lanes<N>,
-        after: Lanes<N>,
-    ) -> Lanes<N> {
-        match self.integral_rule {
-            Integral::Literal => after,
-            Integral::Conditional => Lanes(array::from_fn(|lane| {
-                let (before, after) = (before.0[lane], after.0[lane]);
-                let proportional = rate_error.0[lane] * self.proportional;
-                let room = self.room(share.0[lane]);
-                if after > before {
-                    after.min(before.max((room - proportional) / self.integral))
-                } else {
-                    after.max(before.min((-room - proportional) / self.integral))
-                }
-            })),
-        }
-    }
-
-    /// Greatest thrust difference that still changes a thrust.
-    fn room(&self, share: f64) -> f64 {
-        (self.thrust_max - share).max(share - self.thrust_min)
+    /// Value of the integral at which the command saturates in the direction of its growth, times `sign`; `sign` is
+    /// that direction, 1 or -1. Saturated means that no more of it changes any thrust.
+    pub fn integral_limit(&self, share: f64, rate_error: f64, sign: f64) -> f64 {
+        let room = (self.thrust_max - share).max(share - self.thrust_min);
+        (room - self.proportional * rate_error * sign) / self.integral
     }
 }
 
@@ -157,19 +129,27 @@ impl<const N: usize> State<N> {
 
     /// Every lane like the one lane of `state`.
     pub fn like(state: &State<1>) -> Self {
-        let all = |value: Lanes<1>| Lanes::splat(value.0[0]);
-        Self {
-            x: all(state.x),
-            z: all(state.z),
-            vx: all(state.vx),
-            vz: all(state.vz),
-            theta: all(state.theta),
-            sine: all(state.sine),
-            cosine: all(state.cosine),
-            rate: all(state.rate),
-            thrust_a: all(state.thrust_a),
-            thrust_b: all(state.thrust_b),
-            integral: all(state.integral),
+        state.mapped(|value| Lanes::splat(value.0[0]))
+    }
+
+    /// The first lane alone.
+    pub fn only_first(&self) -> State<1> {
+        self.mapped(|value| Lanes([value.0[0]]))
+    }
+
+    fn mapped<const M: usize>(&self, map: impl Fn(Lanes<N>) -> Lanes<M>) -> State<M> {
+        State {
+            x: map(self.x),
+            z: map(self.z),
+            vx: map(self.vx),
+            vz: map(self.vz),
+            theta: map(self.theta),
+            sine: map(self.sine),
+            cosine: map(self.cosine),
+            rate: map(self.rate),
+            thrust_a: map(self.thrust_a),
+            thrust_b: map(self.thrust_b),
+            integral: map(self.integral),
         }
     }
 
@@ -195,51 +175,69 @@ impl<const N: usize> State<N> {
         }
     }
 
-    /// One step of classical fourth-order Runge-Kutta. `command` gives rate error and commanded thrusts at a stage:
-    /// its arguments are the stage (0 start, 1 middle, 2 end), the rate and the integral there.
+    /// One step of classical fourth-order Runge-Kutta, except for the integral. `command` gives the thrusts wanted at a
+    /// stage: its arguments are the stage (0 to 3), the rate there, and the angle turned since the step began.
+    ///
+    /// Returns the angle turned by the step.
     #[inline(always)]
-    pub fn advance<C>(&mut self, c: &Coefficients, h: Lanes<N>, command: C)
+    pub fn advance<C>(&mut self, c: &Coefficients, step: &StepLength<N>, command: C) -> Lanes<N>
     where
-        C: Fn(usize, Lanes<N>, Lanes<N>) -> Command<N>,
+        C: Fn(usize, Lanes<N>, Lanes<N>) -> [Lanes<N>; 2],
     {
-        let half = h * 0.5;
-        let stage1 =
-            Stage { rate: self.rate, thrust_a: self.thrust_a, thrust_b: self.thrust_b, integral: self.integral };
-        let slope1 = stage1.slope(&command(0, stage1.rate, stage1.integral));
-        let stage2 = stage1.after(&slope1, c, half);
-        let slope2 = stage2.slope(&command(1, stage2.rate, stage2.integral));
-        let stage3 = stage1.after(&slope2, c, half);
-        let slope3 = stage3.slope(&command(1, stage3.rate, stage3.integral));
-        let stage4 = stage1.after(&slope3, c, h);
-        let slope4 = stage4.slope(&command(2, stage4.rate, stage4.integral));
+        let stage1 = Stage {
+            rate: self.rate,
+            thrusts: [self.thrust_a, self.thrust_b],
+        };
+        let slope1 = stage1.slope(command(0, stage1.rate, Lanes::ZERO));
+        let stage2 = stage1.after(&slope1, &step.half);
+        let angle2 = stage1.rate * step.half.h;
+        let slope2 = stage2.slope(command(1, stage2.rate, angle2));
+        let stage3 = stage1.after(&slope2, &step.half);
+        let angle3 = stage2.rate * step.half.h;
+        let slope3 = stage3.slope(command(2, stage3.rate, angle3));
+        let stage4 = stage1.after(&slope3, &step.whole);
+        let angle4 = stage3.rate * step.whole.h;
+        let slope4 = stage4.slope(command(3, stage4.rate, angle4));
+        let mean = Slope::weighed(&slope1, &slope2, &slope3, &slope4);
+        let turn = weighed(stage1.rate, stage2.rate, stage3.rate, stage4.rate) * step.sixth.h;
 
-        let (ax1, az1) = stage1.push(c, (self.sine, self.cosine));
-        let (ax2, az2) = stage2.push(c, self.turned(stage1.rate * half));
-        let (ax3, az3) = stage3.push(c, self.turned(stage2.rate * half));
-        let (ax4, az4) = stage4.push(c, self.turned(stage3.rate * h));
+        // Theta differs between the two middle stages, and between the last stage and the step's end, by so little
+        // that sine and cosine are linear in the difference to the last bit. Two evaluations do instead of four.
+        let end = self.turned(turn);
+        let last = {
+            let ahead = angle4 - turn;
+            (end.0 + end.1 * ahead, end.1 - end.0 * ahead)
+        };
+        let middle = self.turned((angle2 + angle3) * 0.5);
+        let push = |thrusts: Lanes<N>, (sine, cosine): (Lanes<N>, Lanes<N>)| {
+            // Eqs. (1), (2), (4), (5), without gravity.
+            let collective = thrusts * c.lift;
+            (collective * sine, collective * cosine)
+        };
+        let (ax1, az1) = push(stage1.sum(), (self.sine, self.cosine));
+        let (ax23, az23) = push(stage2.sum() + stage3.sum(), middle);
+        let (ax4, az4) = push(stage4.sum(), last);
 
-        let sixth = h * (1.0 / 6.0);
+        let StepLength {
+            whole: Length { h, .. },
+            sixth: Length { h: sixth, .. },
+            fall,
+            ..
+        } = *step;
         // The four velocities of the stages, summed: 6 v + h (a1 + a2 + a3). Gravity is constant and done exactly.
-        let fall = h * GRAVITY_M_S2;
-        self.x = self.x + (self.vx + (ax1 + ax2 + ax3) * sixth) * h;
-        self.z = self.z + (self.vz + (az1 + az2 + az3) * sixth - fall * 0.5) * h;
-        self.vx = self.vx + weighed(ax1, ax2, ax3, ax4) * sixth;
-        self.vz = self.vz + weighed(az1, az2, az3, az4) * sixth - fall;
-        let turn = weighed(stage1.rate, stage2.rate, stage3.rate, stage4.rate) * sixth;
-        (self.sine, self.cosine) = self.turned(turn);
+        let (ax123, az123) = (ax1 + ax23, az1 + az23);
+        self.x = self.x + (self.vx + ax123 * sixth) * h;
+        self.z = self.z + (self.vz + az123 * sixth - fall * 0.5) * h;
+        self.vx = self.vx + (ax123 + ax23 + ax4) * sixth;
+        self.vz = self.vz + (az123 + az23 + az4) * sixth - fall;
+        (self.sine, self.cosine) = end;
         self.theta = self.theta + turn;
-        let slope = |part: fn(&Slope<N>) -> Lanes<N>| {
-            weighed(part(&slope1), part(&slope2), part(&slope3), part(&slope4))
-        };
-        let mean = Slope {
-            difference: slope(|s| s.difference),
-            rising: [slope(|s| s.rising[0]), slope(|s| s.rising[1])],
-            falling: [slope(|s| s.falling[0]), slope(|s| s.falling[1])],
-            integral: slope(|s| s.integral),
-        };
-        let stage = stage1.after(&mean, c, sixth);
-        (self.rate, self.thrust_a, self.thrust_b) = (stage.rate, stage.thrust_a, stage.thrust_b);
-        self.integral = stage.integral;
+        let Stage {
+            rate,
+            thrusts: [thrust_a, thrust_b],
+        } = stage1.after(&mean, &step.sixth);
+        (self.rate, self.thrust_a, self.thrust_b) = (rate, thrust_a, thrust_b);
+        turn
     }
 
     /// Sine and cosine of theta + `turn`.
@@ -252,76 +250,126 @@ impl<const N: usize> State<N> {
         let sine = turn * add(square * add(square * sine, -1.0 / 6.0), 1.0);
         let cosine = add(square * (-1.0 / 720.0), 1.0 / 24.0);
         let cosine = add(square * add(square * cosine, -0.5), 1.0);
-        (self.sine * cosine + self.cosine * sine, self.cosine * cosine - self.sine * sine)
+        (
+            self.sine * cosine + self.cosine * sine,
+            self.cosine * cosine - self.sine * sine,
+        )
     }
 }
 
-/// What the rate loop wants at one stage.
+/// The length of a Runge-Kutta step, and what is computed with it once for many steps of the same length.
 #[derive(Clone, Copy)]
-pub(crate) struct Command<const N: usize> {
-    pub rate_error: Lanes<N>,
-    pub thrust_a: Lanes<N>,
-    pub thrust_b: Lanes<N>,
+pub(crate) struct StepLength<const N: usize> {
+    whole: Length<N>,
+    half: Length<N>,
+    sixth: Length<N>,
+    /// Velocity lost to gravity, m/s.
+    fall: Lanes<N>,
+}
+
+impl<const N: usize> StepLength<N> {
+    pub fn new(c: &Coefficients, h: Lanes<N>) -> Self {
+        Self {
+            whole: Length::new(c, h),
+            half: Length::new(c, h * 0.5),
+            sixth: Length::new(c, h * (1.0 / 6.0)),
+            fall: h * GRAVITY_M_S2,
+        }
+    }
+
+    /// The length, s.
+    pub fn h(&self) -> Lanes<N> {
+        self.whole.h
+    }
+}
+
+/// A part of a step, times the constants of eqs. (3) and (6).
+#[derive(Clone, Copy)]
+struct Length<const N: usize> {
+    h: Lanes<N>,
+    torque: Lanes<N>,
+    gain_down: Lanes<N>,
+    /// What a rising thrust gains beyond the gain of a falling one.
+    gain_up_more: Lanes<N>,
+}
+
+impl<const N: usize> Length<N> {
+    fn new(c: &Coefficients, h: Lanes<N>) -> Self {
+        Self {
+            h,
+            torque: h * c.torque,
+            gain_down: h * c.gain_down,
+            gain_up_more: h * (c.gain_up - c.gain_down),
+        }
+    }
 }
 
 /// The rotation's state at one stage.
 #[derive(Clone, Copy)]
 struct Stage<const N: usize> {
     rate: Lanes<N>,
-    thrust_a: Lanes<N>,
-    thrust_b: Lanes<N>,
-    integral: Lanes<N>,
+    /// Of a and b.
+    thrusts: [Lanes<N>; 2],
 }
 
-/// Derivative of the rotation's state at one stage, before the factors that make it one: multiplied into the step's
-/// length, they leave the chain of operations that one step waits for.
+/// Derivative of the rotation's state at one stage, before the constants of eqs. (3) and (6): those are multiplied
+/// into the step's length, which keeps them out of the chain of operations that one step waits for.
 #[derive(Clone, Copy)]
 struct Slope<const N: usize> {
     /// Fa - Fb.
     difference: Lanes<N>,
-    /// How far the thrusts of a and b lie below their commands, zero if above.
+    /// How far the thrusts of a and b lie below their commands.
+    missing: [Lanes<N>; 2],
+    /// The same where they rise, zero where they fall.
     rising: [Lanes<N>; 2],
-    /// How far the thrusts of a and b lie above their commands, negative; zero if below.
-    falling: [Lanes<N>; 2],
-    /// Rate error.
-    integral: Lanes<N>,
 }
 
 impl<const N: usize> Stage<N> {
     #[inline(always)]
-    fn slope(&self, command: &Command<N>) -> Slope<N> {
-        let missing_a = command.thrust_a - self.thrust_a;
-        let missing_b = command.thrust_b - self.thrust_b;
+    fn slope(&self, wanted: [Lanes<N>; 2]) -> Slope<N> {
+        let missing = [wanted[0] - self.thrusts[0], wanted[1] - self.thrusts[1]];
         Slope {
-            difference: self.thrust_a - self.thrust_b,
-            rising: [missing_a.at_least(0.0), missing_b.at_least(0.0)],
-            falling: [missing_a.at_most(0.0), missing_b.at_most(0.0)],
-            integral: command.rate_error,
+            difference: self.thrusts[0] - self.thrusts[1],
+            missing,
+            rising: missing.map(|missing| missing.at_least(0.0)),
         }
     }
 
-    // Lupashin 2010, eqs. (3) and (6). One of rising and falling is zero: no branch, hence none mispredicted.
+    // Lupashin 2010, eqs. (3) and (6). Without a branch on rising or falling: it would often be mispredicted.
     #[inline(always)]
-    fn after(&self, slope: &Slope<N>, c: &Coefficients, h: Lanes<N>) -> Self {
-        let (up, down) = (h * c.gain_up, h * c.gain_down);
+    fn after(&self, slope: &Slope<N>, length: &Length<N>) -> Self {
+        let lagged = |rotor: usize| {
+            self.thrusts[rotor]
+                + slope.missing[rotor] * length.gain_down
+                + slope.rising[rotor] * length.gain_up_more
+        };
         Self {
-            rate: self.rate + slope.difference * (h * c.torque),
-            thrust_a: self.thrust_a + slope.rising[0] * up + slope.falling[0] * down,
-            thrust_b: self.thrust_b + slope.rising[1] * up + slope.falling[1] * down,
-            integral: self.integral + slope.integral * h,
+            rate: self.rate + slope.difference * length.torque,
+            thrusts: [lagged(0), lagged(1)],
         }
     }
 
-    /// Lateral and vertical acceleration without gravity's. // Lupashin 2010, eqs. (1), (2), (4), (5).
     #[inline(always)]
-    fn push(&self, c: &Coefficients, (sine, cosine): (Lanes<N>, Lanes<N>)) -> (Lanes<N>, Lanes<N>) {
-        let collective = (self.thrust_a + self.thrust_b) * c.lift;
-        (collective * sine, collective * cosine)
+    fn sum(&self) -> Lanes<N> {
+        self.thrusts[0] + self.thrusts[1]
+    }
+}
+
+impl<const N: usize> Slope<N> {
+    #[inline(always)]
+    fn weighed(k1: &Self, k2: &Self, k3: &Self, k4: &Self) -> Self {
+        let each = |part: fn(&Self) -> Lanes<N>| weighed(part(k1), part(k2), part(k3), part(k4));
+        Self {
+            difference: each(|k| k.difference),
+            missing: [each(|k| k.missing[0]), each(|k| k.missing[1])],
+            rising: [each(|k| k.rising[0]), each(|k| k.rising[1])],
+        }
     }
 }
 
 /// Runge-Kutta's weights, to be divided by six.
 #[inline(always)]
 fn weighed<const N: usize>(k1: Lanes<N>, k2: Lanes<N>, k3: Lanes<N>, k4: Lanes<N>) -> Lanes<N> {
-    k1 + (k2 + k3) * 2.0 + k4
+    let middle = k2 + k3;
+    k1 + (middle + middle) + k4
 }

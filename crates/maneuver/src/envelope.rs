@@ -106,7 +106,10 @@ mod tests {
             ));
         }
         for (low, high) in [(2.0, 2.0), (-1.0, 2.0), (f64::NAN, 2.0), (1.0, f64::INFINITY)] {
-            assert!(matches!(Envelope::new(low, high), Err(EnvelopeError::Bounds { .. })));
+            assert!(matches!(
+                Envelope::new(low, high),
+                Err(EnvelopeError::Bounds { .. })
+            ));
         }
     }
 }

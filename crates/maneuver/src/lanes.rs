@@ -37,11 +37,6 @@ impl<const N: usize> Lanes<N> {
     pub fn at_most(self, bound: f64) -> Self {
         self.map(|value| if value > bound { bound } else { value })
     }
-
-    #[inline(always)]
-    pub fn any(self, test: impl Fn(f64) -> bool) -> bool {
-        self.0.iter().any(|&value| test(value))
-    }
 }
 
 impl<const N: usize> Add for Lanes<N> {

@@ -18,10 +18,10 @@ mod ticks;
 
 pub use dynamics::PlanarState;
 pub use envelope::{Envelope, EnvelopeError};
+pub use limits::Limits;
 pub use model::{Integral, Model, ModelError};
 pub use parameters::{FinalError, FlipDesign, Parameters};
 pub use planar::{CONTINUOUS_HZ, Discretisation, FlipError, LOOP_HZ, apex_m, final_error, trajectory};
 pub use primitive::{Primitive, PrimitiveError, Setpoint, Step};
-pub use limits::Limits;
 pub use solve::{Infeasible, Solution, SolveError, rough_guess, solve};
-pub use stress::Deviation;
+pub use stress::{Deviation, StressCase, StressReport, deviate, stress};

@@ -4,11 +4,11 @@ use core::fmt;
 
 use crate::parameters::FlipDesign;
 
-/// Shortest free step, s: above zero by more than the Jacobian's differences are wide.
-const STEP_S_MIN: f64 = 1e-3;
+/// Shortest T1, T3, T5, s: above zero by more than the Jacobian's differences are wide.
+const DURATION_S_MIN: f64 = 1e-3;
 
-/// Longest free step, s.
-const STEP_S_MAX: f64 = 3.0;
+/// Longest T1, T3, T5, s.
+const DURATION_S_MAX: f64 = 3.0;
 
 const NAMES: [&str; 5] = ["U1", "T1", "T3", "U5", "T5"];
 
@@ -24,8 +24,8 @@ impl Bounds {
     pub fn new(design: &FlipDesign) -> Self {
         let (middle, high) = (design.envelope.middle_m_s2(), design.envelope.high_m_s2);
         Self {
-            low: [middle, STEP_S_MIN, STEP_S_MIN, middle, STEP_S_MIN],
-            high: [high, STEP_S_MAX, STEP_S_MAX, high, STEP_S_MAX],
+            low: [middle, DURATION_S_MIN, DURATION_S_MIN, middle, DURATION_S_MIN],
+            high: [high, DURATION_S_MAX, DURATION_S_MAX, high, DURATION_S_MAX],
         }
     }
 

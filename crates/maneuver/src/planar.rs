@@ -1,7 +1,5 @@
 //! The vertical-plane simulation: from a design and its parameters to the final error.
 
-use core::f64::consts::TAU;
-
 use crate::continuous;
 use crate::dynamics::{Coefficients, PlanarState, State};
 use crate::model::{Model, ModelError};
@@ -37,6 +35,14 @@ pub enum FlipError {
     /// The design or its parameters are impossible.
     #[error(transparent)]
     Primitive(#[from] PrimitiveError),
+    /// A ratio of a [`Deviation`] is not finite and above zero.
+    #[error("deviation: {field} must be finite and above zero, got {ratio}")]
+    Deviation {
+        /// Name of the field.
+        field: &'static str,
+        /// Its value.
+        ratio: f64,
+    },
 }
 
 /// The final error F(P) of the model. // Lupashin 2010, eqs. (10) to (13), (25).
@@ -80,7 +86,9 @@ pub fn apex_m(
     discretisation: Discretisation,
 ) -> Result<f64, FlipError> {
     let mut apex_m: f64 = 0.0;
-    trajectory(model, design, parameters, discretisation, |_, state| apex_m = apex_m.max(state.z_m))?;
+    trajectory(model, design, parameters, discretisation, |_, state| {
+        apex_m = apex_m.max(state.z_m)
+    })?;
     Ok(apex_m)
 }
 
@@ -99,6 +107,7 @@ impl Flight {
         deviation: &Deviation,
     ) -> Result<Self, FlipError> {
         model.check()?;
+        deviation.check()?;
         Ok(Self {
             coefficients: Coefficients::new(model, deviation),
             primitive: Primitive::new(design, model.alpha_l_m(), parameters)?,
@@ -106,7 +115,11 @@ impl Flight {
         })
     }
 
-    pub fn fly(&self, discretisation: Discretisation, mut observe: impl FnMut(f64, PlanarState)) -> FinalError {
+    pub fn fly(
+        &self,
+        discretisation: Discretisation,
+        mut observe: impl FnMut(f64, PlanarState),
+    ) -> FinalError {
         let mut state = State::hovering(&self.coefficients);
         observe(0.0, state.lane(0));
         let observe = |t_s: f64, state: &State<1>| observe(t_s, state.lane(0));
@@ -121,7 +134,14 @@ impl Flight {
     fn fly_continuous(&self, state: &mut State<1>, steps_hz: f64, mut observe: impl FnMut(f64, &State<1>)) {
         let primitives = [self.primitive];
         for index in 0..5 {
-            continuous::fly_step(&self.coefficients, state, &primitives, index, steps_hz, &mut observe);
+            continuous::fly_step(
+                &self.coefficients,
+                state,
+                &primitives,
+                index,
+                steps_hz,
+                &mut observe,
+            );
         }
     }
 

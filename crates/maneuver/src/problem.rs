@@ -1,5 +1,7 @@
 //! The final error as a function of five numbers, and its Jacobian, on a chosen grid of time.
 
+use core::array;
+
 use crate::continuous;
 use crate::dynamics::{Coefficients, State};
 use crate::model::Model;
@@ -62,32 +64,93 @@ impl<'a> Problem<'a> {
         Primitive::new(self.design, self.alpha_l_m, &Parameters::from_array(*parameters))
     }
 
+    /// Whether these parameters make a flip at all.
+    pub fn possible(&self, parameters: &[f64; 5]) -> bool {
+        self.primitive(parameters).is_ok()
+    }
+
     /// F of these parameters.
     pub fn evaluate(&self, parameters: &[f64; 5], grid: Grid) -> Result<Evaluation, PrimitiveError> {
         let primitive = self.primitive(parameters)?;
-        let mut state = State::hovering(&self.coefficients);
-        let (mut coast_begins, mut stop_begins) = (state, state);
-        let mut apex_m: f64 = 0.0;
-        let rise = |_: f64, state: &State<1>| apex_m = apex_m.max(state.z.0[0]);
         match grid {
+            Grid::Steps(steps_hz) => Ok(self.fly(&[primitive], steps_hz).0),
             Grid::Ticks => {
-                ticks::fly(&self.coefficients, &mut state, &primitive, Collective::Averaged, rise);
-            }
-            Grid::Steps(steps_hz) => {
-                let primitives = [primitive];
-                let mut rise = rise;
-                for index in 0..5 {
-                    match index {
-                        2 => coast_begins = state,
-                        3 => stop_begins = state,
-                        _ => {}
-                    }
-                    continuous::fly_step(&self.coefficients, &mut state, &primitives, index, steps_hz, &mut rise);
-                }
+                let mut state = State::hovering(&self.coefficients);
+                let (coast_begins, stop_begins) = (state, state);
+                let mut apex_m: f64 = 0.0;
+                ticks::fly(
+                    &self.coefficients,
+                    &mut state,
+                    &primitive,
+                    Collective::Averaged,
+                    |_, state| {
+                        apex_m = apex_m.max(state.z.0[0]);
+                    },
+                );
+                let error = error_of(&state, 0, self.design.turn_rad());
+                Ok(Evaluation {
+                    error,
+                    apex_m,
+                    coast_begins,
+                    stop_begins,
+                })
             }
         }
-        let error = error_of(&state, 0, self.design.turn_rad());
-        Ok(Evaluation { error, apex_m, coast_begins, stop_begins })
+    }
+
+    /// [`Problem::evaluate`] of these parameters, and F of others `beside`, in the time of one where the grid allows.
+    pub fn evaluate_beside(
+        &self,
+        parameters: &[f64; 5],
+        beside: &[f64; 5],
+        grid: Grid,
+    ) -> Result<(Evaluation, FinalError), PrimitiveError> {
+        match grid {
+            Grid::Ticks => Ok((
+                self.evaluate(parameters, grid)?,
+                self.evaluate(beside, grid)?.error,
+            )),
+            Grid::Steps(steps_hz) => {
+                let pair = [self.primitive(parameters)?, self.primitive(beside)?];
+                let (here, [_, error]) = self.fly(&pair, steps_hz);
+                Ok((here, error))
+            }
+        }
+    }
+
+    /// Flies flips side by side on a grid of steps: the first one's evaluation, and everyone's error.
+    fn fly<const N: usize>(
+        &self,
+        primitives: &[Primitive; N],
+        steps_hz: f64,
+    ) -> (Evaluation, [FinalError; N]) {
+        let mut state = State::<N>::hovering(&self.coefficients);
+        let mut begins = [state.only_first(); 5];
+        let mut apex_m: f64 = 0.0;
+        for (index, begin) in begins.iter_mut().enumerate() {
+            *begin = state.only_first();
+            continuous::fly_step(
+                &self.coefficients,
+                &mut state,
+                primitives,
+                index,
+                steps_hz,
+                |_, state| {
+                    apex_m = apex_m.max(state.z.0[0]);
+                },
+            );
+        }
+        let errors = array::from_fn(|lane| error_of(&state, lane, self.design.turn_rad()));
+        let [_, _, coast_begins, stop_begins, _] = begins;
+        (
+            Evaluation {
+                error: errors[0],
+                apex_m,
+                coast_begins,
+                stop_begins,
+            },
+            errors,
+        )
     }
 
     /// J at these parameters, whose evaluation on the same grid is `here`: rows x, z, vx, vz, theta, columns U1, T1,
@@ -101,12 +164,20 @@ impl<'a> Problem<'a> {
     ) -> Result<[[f64; 5]; 5], PrimitiveError> {
         let mut jacobian = [[0.0; 5]; 5];
         for column in 0..5 {
-            let width = width * if column == 0 || column == 3 { DIFFERENCE_M_S2 } else { DIFFERENCE_S };
+            let width = width
+                * if column == 0 || column == 3 {
+                    DIFFERENCE_M_S2
+                } else {
+                    DIFFERENCE_S
+                };
             let (mut above, mut below) = (*parameters, *parameters);
             above[column] += width;
             below[column] -= width;
             let [above, below] = match grid {
-                Grid::Ticks => [self.evaluate(&above, grid)?.error, self.evaluate(&below, grid)?.error],
+                Grid::Ticks => [
+                    self.evaluate(&above, grid)?.error,
+                    self.evaluate(&below, grid)?.error,
+                ],
                 Grid::Steps(steps_hz) => {
                     let pair = [self.primitive(&above)?, self.primitive(&below)?];
                     let (first, state) = match column {

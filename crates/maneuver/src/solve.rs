@@ -4,22 +4,24 @@ use core::array;
 
 use quantity::{GRAVITY_M_S2, math};
 
-use crate::descend::{Descent, SOLVED, descend, matrix, polish};
+use crate::descend::{Descent, Goal, QuasiNewton, SOLVED, descend, matrix};
 use crate::limits::{Bounds, Limits};
 use crate::model::{Model, ModelError};
 use crate::parameters::{FinalError, FlipDesign, Parameters};
 use crate::planar::{CONTINUOUS_HZ, Discretisation, FlipError};
 use crate::primitive::{Primitive, PrimitiveError};
-use crate::problem::{Grid, Problem};
+use crate::problem::{Evaluation, Grid, Problem};
 
-/// Grid of the way down from the rough guess: errs by a few hundredths at most, forty times cheaper.
-const ROUGH_GRID: Grid = Grid::Steps(400.0);
-
-/// Norm of the final error at which the rough grid has no more to tell.
-const ROUGH_TOLERANCE: f64 = 1e-3;
+/// The way down from the rough guess, on a grid that errs by a few hundredths at most and costs a thirtieth.
+const ROUGH: Goal = Goal {
+    grid: Grid::Steps(400.0),
+    tolerance: 1e-3,
+    stall: 2e-4,
+    width: 1.0,
+};
 
 /// Grid of the Jacobian the last steps start with.
-const FINE_GRID: Grid = Grid::Steps(3_200.0);
+const FINE_GRID: Grid = Grid::Steps(1_600.0);
 
 /// Norm of the final error at which that grid has no more to tell.
 const FINE_TOLERANCE: f64 = 1e-4;
@@ -109,7 +111,13 @@ pub fn rough_guess(model: &Model, design: &FlipDesign) -> Result<Parameters, Fli
     let rotate_s = design.rate_rad_s_max * 2.0 * model.alpha_l_m() / envelope.span_m_s2();
     let coast_s = design.turn_rad() / design.rate_rad_s_max - rotate_s;
     let push_s = GRAVITY_M_S2 * (rotate_s + coast_s + rotate_s) / (2.0 * u_m_s2);
-    Ok(Parameters { u1_m_s2: u_m_s2, t1_s: push_s, t3_s: coast_s, u5_m_s2: u_m_s2, t5_s: push_s })
+    Ok(Parameters {
+        u1_m_s2: u_m_s2,
+        t1_s: push_s,
+        t3_s: coast_s,
+        u5_m_s2: u_m_s2,
+        t5_s: push_s,
+    })
 }
 
 /// P0 and J of a design: the parameters inside the reduced envelope whose final error vanishes on the model.
@@ -133,14 +141,23 @@ pub fn solve(
     let bounds = Bounds::new(design);
     let rough_guess = rough_guess(model, design)?;
     let start = bounds.clamp(rough_guess.to_array());
-    let rough_error = match problem.evaluate(&rough_guess.to_array(), grid) {
-        Ok(rough) => rough.error,
-        Err(_) => problem.evaluate(&start, grid)?.error,
+    let flyable = rough_guess.to_array();
+    let flyable = if problem.possible(&flyable) {
+        flyable
+    } else {
+        start
     };
-    let straight = descend(&problem, &bounds, turned_right(&problem, start)?, ROUGH_GRID, ROUGH_TOLERANCE, 1.0)?;
-    let solved = match finish(&problem, &bounds, &straight, grid)? {
+    let straight = descend(&problem, &bounds, turned_right(&problem, &bounds, start)?, ROUGH)?;
+    let near = approach(&problem, &straight)?;
+    let nearest = near.as_ref().map_or(straight.parameters, |near| near.parameters);
+    let (first, rough_error) = problem.evaluate_beside(&nearest, &flyable, grid)?;
+    let solved = match near {
+        Some(near) => near.arrive(&problem, &bounds, first, grid)?,
+        None => None,
+    };
+    let solved = match solved {
         Some(solved) => solved,
-        None => search(&problem, &bounds, &start, grid)?,
+        None => search(&problem, &bounds, straight, &start, grid)?,
     };
     let jacobian = problem.jacobian(&solved.parameters, &solved.here, grid, 1.0)?;
     let parameters = Parameters::from_array(solved.parameters);
@@ -159,10 +176,13 @@ pub fn solve(
 
 /// The start with T3 changed until about the right number of turns is made. Nearly always that is all it takes to
 /// stay clear of the basins where a double flip passes for a triple.
-fn turned_right(problem: &Problem<'_>, mut start: [f64; 5]) -> Result<[f64; 5], PrimitiveError> {
-    let bounds = Bounds::new(problem.design);
+fn turned_right(
+    problem: &Problem<'_>,
+    bounds: &Bounds,
+    mut start: [f64; 5],
+) -> Result<[f64; 5], PrimitiveError> {
     for _ in 0..6 {
-        let excess_rad = problem.evaluate(&start, ROUGH_GRID)?.error.theta_rad;
+        let excess_rad = problem.evaluate(&start, ROUGH.grid)?.error.theta_rad;
         if excess_rad.abs() < 0.05 {
             break;
         }
@@ -172,68 +192,100 @@ fn turned_right(problem: &Problem<'_>, mut start: [f64; 5]) -> Result<[f64; 5], 
     Ok(start)
 }
 
-/// From a descent's end on the rough grid to a solution on the fine one.
-fn finish(
-    problem: &Problem<'_>,
-    bounds: &Bounds,
-    rough: &Descent,
-    grid: Grid,
-) -> Result<Option<Descent>, PrimitiveError> {
-    if rough.norm() > 30.0 * ROUGH_TOLERANCE {
-        return Ok(None);
-    }
-    let fine = problem.evaluate(&rough.parameters, FINE_GRID)?;
-    let jacobian = problem.jacobian(&rough.parameters, &fine, FINE_GRID, 1.0)?;
-    let closer = polish(problem, rough.parameters, &jacobian, FINE_GRID, FINE_TOLERANCE);
-    let closer = closer.map_or(rough.parameters, |closer| closer.parameters);
-    if let Some(solved) = polish(problem, closer, &jacobian, grid, SOLVED)
-        && bounds.clamp(solved.parameters) == solved.parameters
-    {
-        return Ok(Some(solved));
-    }
-    // The error is smooth in pieces only. Wide differences see across the kinks, narrow ones the piece they are in:
-    // where the first are stuck at a kink the second get through.
-    let mut closer = closer;
-    for width in [1.0, 0.01] {
-        let descent = descend(problem, bounds, closer, grid, SOLVED, width)?;
-        if descent.norm() < SOLVED {
-            return Ok(Some(descent));
-        }
-        closer = descent.parameters;
-    }
-    Ok(None)
+/// A point close to a solution, and how to get there.
+#[derive(Clone, Copy, Debug)]
+struct Near {
+    parameters: [f64; 5],
+    newton: QuasiNewton,
 }
 
-/// Descends from points spread evenly over the box, until one leads to a solution.
+/// From a descent's end on the rough grid close to a solution; `None` if there is none nearby.
+fn approach(problem: &Problem<'_>, rough: &Descent) -> Result<Option<Near>, PrimitiveError> {
+    if rough.norm() > 30.0 * ROUGH.tolerance {
+        return Ok(None);
+    }
+    let here = problem.evaluate(&rough.parameters, FINE_GRID)?;
+    let jacobian = problem.jacobian(&rough.parameters, &here, FINE_GRID, 1.0)?;
+    let Some(mut newton) = QuasiNewton::new(&jacobian) else {
+        return Ok(None);
+    };
+    let closer = newton.polish(problem, rough.parameters, here, FINE_GRID, FINE_TOLERANCE);
+    let parameters = closer.map_or(rough.parameters, |closer| closer.parameters);
+    Ok(Some(Near { parameters, newton }))
+}
+
+impl Near {
+    /// To the solution on the grid that counts, on which `here` is the evaluation.
+    fn arrive(
+        mut self,
+        problem: &Problem<'_>,
+        bounds: &Bounds,
+        here: Evaluation,
+        grid: Grid,
+    ) -> Result<Option<Descent>, PrimitiveError> {
+        if let Some(solved) = self.newton.polish(problem, self.parameters, here, grid, SOLVED)
+            && bounds.clamp(solved.parameters) == solved.parameters
+        {
+            return Ok(Some(solved));
+        }
+        // The error is smooth in pieces only. Wide differences see across the kinks, narrow ones the piece they are
+        // in: where the first are stuck at a kink the second get through.
+        let mut parameters = self.parameters;
+        for width in [1.0, 0.01] {
+            let descent = descend(
+                problem,
+                bounds,
+                parameters,
+                Goal {
+                    width,
+                    ..precise(grid)
+                },
+            )?;
+            if descent.norm() < SOLVED {
+                return Ok(Some(descent));
+            }
+            parameters = descent.parameters;
+        }
+        Ok(None)
+    }
+}
+
+/// Where the straight way ends without a solution: descends from points spread evenly over the box, until one leads
+/// to a solution.
 fn search(
     problem: &Problem<'_>,
     bounds: &Bounds,
+    straight: Descent,
     guess: &[f64; 5],
     grid: Grid,
 ) -> Result<Descent, SolveError> {
-    let mut best: [Option<Descent>; FOLLOWED] = [None; FOLLOWED];
+    let mut best = [None; FOLLOWED];
+    insert(&mut best, straight);
     for number in 0..STARTS {
-        let start = spread(bounds, guess, number);
-        let Ok(rough) = descend(problem, bounds, start, ROUGH_GRID, ROUGH_TOLERANCE, 1.0) else { continue };
-        if let Some(solved) = finish(problem, bounds, &rough, grid)? {
+        // A start that is no flip is one start less.
+        if let Ok(rough) = descend(problem, bounds, spread(bounds, guess, number), ROUGH)
+            && insert(&mut best, rough)
+            && let Some(near) = approach(problem, &rough)?
+            && let Some(solved) =
+                near.arrive(problem, bounds, problem.evaluate(&near.parameters, grid)?, grid)?
+        {
             return Ok(solved);
         }
-        insert(&mut best, rough);
     }
-    let mut least: Option<Descent> = None;
-    for rough in best.into_iter().flatten() {
-        let end = descend(problem, bounds, rough.parameters, grid, SOLVED, 1.0)?;
-        if end.norm() < SOLVED {
-            return Ok(end);
-        }
-        if least.is_none_or(|least| end.norm() < least.norm()) {
-            least = Some(end);
+    let mut least = descend(problem, bounds, straight.parameters, precise(grid))?;
+    for rough in best
+        .into_iter()
+        .flatten()
+        .filter(|rough| rough.parameters != straight.parameters)
+    {
+        let end = descend(problem, bounds, rough.parameters, precise(grid))?;
+        if end.norm() < least.norm() {
+            least = end;
         }
     }
-    let least = match least {
-        Some(least) => least,
-        None => descend(problem, bounds, *guess, grid, SOLVED, 1.0)?,
-    };
+    if least.norm() < SOLVED {
+        return Ok(least);
+    }
     Err(SolveError::Infeasible(Infeasible {
         least_residual: least.norm(),
         parameters: Parameters::from_array(least.parameters),
@@ -241,18 +293,45 @@ fn search(
     }))
 }
 
-/// Keeps the list sorted by norm and drops what falls off its end.
-fn insert(best: &mut [Option<Descent>; FOLLOWED], mut descent: Descent) {
+/// To a solution, or to the least residual there is.
+fn precise(grid: Grid) -> Goal {
+    Goal {
+        grid,
+        tolerance: SOLVED,
+        stall: 1e-6,
+        width: 1.0,
+    }
+}
+
+/// Puts a descent among the best, sorted by norm, and drops what falls off the end. False if it is not among them,
+/// or ended where another did.
+fn insert(best: &mut [Option<Descent>; FOLLOWED], mut descent: Descent) -> bool {
+    let same = |kept: &Descent| {
+        let apart = kept
+            .parameters
+            .iter()
+            .zip(descent.parameters)
+            .map(|(a, b)| (a - b).abs());
+        apart.fold(0.0, f64::max) < 0.02
+    };
+    if best.iter().flatten().any(same) {
+        return false;
+    }
+    let mut kept = false;
     for place in best.iter_mut() {
         match place {
             None => {
                 *place = Some(descent);
-                return;
+                return true;
             }
-            Some(kept) if descent.norm() < kept.norm() => core::mem::swap(kept, &mut descent),
+            Some(other) if descent.norm() < other.norm() => {
+                core::mem::swap(other, &mut descent);
+                kept = true;
+            }
             Some(_) => {}
         }
     }
+    kept
 }
 
 /// Point `number` of an additive recurrence, which covers five dimensions evenly without a random number: U1 and U5

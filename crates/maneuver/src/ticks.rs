@@ -1,7 +1,8 @@
 //! The model as a vehicle samples it: rate error read 800 times a second, thrust commands held in between.
 
-use crate::dynamics::{Coefficients, Command, State};
+use crate::dynamics::{Coefficients, State, StepLength};
 use crate::lanes::Lanes;
+use crate::model::Integral;
 use crate::planar::LOOP_HZ;
 use crate::primitive::Primitive;
 
@@ -39,18 +40,31 @@ pub(crate) fn fly(
         };
         let share = Lanes([collective_m_s2 * coefficients.share]);
         let rate_error = Lanes([setpoint.rate_rad_s]) - state.rate * coefficients.gyro;
-        let after = state.integral + rate_error * (1.0 / LOOP_HZ);
-        state.integral = coefficients.admitted(share, rate_error, state.integral, after);
+        state.integral = integrated(coefficients, share.0[0], rate_error.0[0], state.integral.0[0]);
         let difference = rate_error * coefficients.proportional + state.integral * coefficients.integral;
         let thrust_a = coefficients.clipped(share + difference);
         let thrust_b = coefficients.clipped(share - difference);
-        // The integral advances once a tick, above; within the tick it stands.
-        let held = Command { rate_error: Lanes::ZERO, thrust_a, thrust_b };
         let h_s = (until_s - from_s) / f64::from(STEPS_PER_TICK);
+        let length = StepLength::new(coefficients, Lanes([h_s]));
         state.resynchronise();
         for part in 1..=STEPS_PER_TICK {
-            state.advance(coefficients, Lanes([h_s]), |_, _, _| held);
+            state.advance(coefficients, &length, |_, _, _| [thrust_a, thrust_b]);
             observe(from_s + h_s * f64::from(part), state);
         }
     }
+}
+
+/// The integral after a tick, by the model's rule. The conditional one admits no more than what brings the command to
+/// its limit.
+fn integrated(c: &Coefficients, share: f64, rate_error: f64, before: f64) -> Lanes<1> {
+    let growth = rate_error / LOOP_HZ;
+    let admitted = match c.integral_rule {
+        Integral::Literal => growth,
+        Integral::Conditional => {
+            let sign = if rate_error > 0.0 { 1.0 } else { -1.0 };
+            let room = c.integral_limit(share, rate_error, sign) - sign * before;
+            sign * (sign * growth).min(room.max(0.0))
+        }
+    };
+    Lanes([before + admitted])
 }

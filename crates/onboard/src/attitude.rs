@@ -1,8 +1,8 @@
 //! What the vehicle knows of its own attitude and height, for the time when nobody tells it.
 //!
-//! Gyros and accelerometer carry both forward; the ground's hints in each command frame correct them. The heading is not
-//! needed and not kept right. The accelerometer's vertical error is learned from the hints, so that ten seconds of
-//! descent without them end at about the speed they began with.
+//! Gyros and accelerometer carry both forward; the ground's hints in each command frame correct them. The
+//! heading is not needed and not kept right. The accelerometer's vertical error is learned from the hints, so
+//! that ten seconds of descent without them end at about the speed they began with.
 
 use device::vehicle_link::CommandFrame;
 use quantity::{Body, GRAVITY_M_S2, Rotation, Vector, World, math};
@@ -10,10 +10,16 @@ use quantity::{Body, GRAVITY_M_S2, Rotation, Vector, World, math};
 use crate::settings::AttitudeSettings;
 
 /// Change of the learned vertical acceleration error per error of vertical speed and second.
-const BIAS_GAIN_1_S2: f64 = 2.0;
+const BIAS_GAIN_1_S2: f64 = 6.0;
 
 /// The learned error stays below this: an accelerometer off by more is broken.
 const BIAS_M_S2_MAX: f64 = 1.0;
+
+/// Height or speed further from its hint than this is taken whole: the estimate was left alone for too long.
+const VERTICAL_SNAP: Vertical = Vertical {
+    height_m: 1.0,
+    speed_m_s: 2.0,
+};
 
 /// Time between two hints, for which the gain above is meant.
 const HINT_INTERVAL_S: f64 = 0.02;
@@ -25,6 +31,13 @@ pub(crate) struct Vertical {
     pub height_m: f64,
     /// Up positive.
     pub speed_m_s: f64,
+}
+
+impl Vertical {
+    fn is_near(self, other: Self) -> bool {
+        (self.height_m - other.height_m).abs() < VERTICAL_SNAP.height_m
+            && (self.speed_m_s - other.speed_m_s).abs() < VERTICAL_SNAP.speed_m_s
+    }
 }
 
 /// The vehicle's own estimate of itself.
@@ -60,14 +73,14 @@ impl OwnState {
             speed_m_s: frame.vertical_speed_m_s,
         };
         match &mut self.vertical {
-            None => self.vertical = Some(told),
-            Some(own) => {
+            Some(own) if own.is_near(told) => {
                 let speed_error = told.speed_m_s - own.speed_m_s;
                 own.height_m += settings.hint_weight_ratio * (told.height_m - own.height_m);
                 own.speed_m_s += settings.hint_weight_ratio * speed_error;
                 let bias = self.acceleration_bias_m_s2 - BIAS_GAIN_1_S2 * HINT_INTERVAL_S * speed_error;
                 self.acceleration_bias_m_s2 = bias.clamp(-BIAS_M_S2_MAX, BIAS_M_S2_MAX);
             }
+            _ => self.vertical = Some(told),
         }
     }
 
@@ -77,7 +90,8 @@ impl OwnState {
         self.attitude = Some(match self.attitude {
             None => told(0.0),
             Some(own) => {
-                // The shortest turn that brings the vehicle's idea of "up" to the ground's; it has no heading in it.
+                // The shortest turn that brings the vehicle's idea of "up" to the ground's; it has no heading
+                // in it.
                 let (up_own, up_told) = (up_in_body(own), up_in_body(told(0.0)));
                 let turn = shortest_turn(up_told, up_own);
                 if turn.norm() > settings.hint_snap_rad {
@@ -202,10 +216,11 @@ mod tests {
     #[test]
     fn hints_correct_by_their_weight_or_whole_when_far_off() {
         let mut own = known(0.0, 0.0);
-        own.correct(&frame(0.1, 0.0, 5.0, 0.0), Vector::ZERO, &SETTINGS);
+        own.correct(&frame(0.1, 0.0, 4.5, 0.0), Vector::ZERO, &SETTINGS);
         assert!((own.tilt_rad().unwrap() - 0.03).abs() < 1e-6);
-        assert!((own.vertical().unwrap().height_m - 4.3).abs() < 1e-9);
-        own.correct(&frame(0.0, 1.0, 4.0, 0.0), Vector::ZERO, &SETTINGS);
+        assert!((own.vertical().unwrap().height_m - 4.15).abs() < 1e-9);
+        own.correct(&frame(0.0, 1.0, 6.0, 0.0), Vector::ZERO, &SETTINGS);
+        assert_eq!(own.vertical().unwrap().height_m, 6.0);
         assert!((own.tilt_rad().unwrap() - 1.0).abs() < 1e-9);
         own.correct(&frame(0.0, 0.0, 4.0, 0.0), Vector::new(0.0, 30.0, 0.0), &SETTINGS);
         assert!(

@@ -84,7 +84,8 @@ pub(crate) struct ManeuverRecord {
     pub reason: Reason,
     /// When it began.
     pub began: Time,
-    /// When it ended; of one flown to its end the planned end, which lies up to a tick before the tick that noticed.
+    /// When it ended; of one flown to its end the planned end, which lies up to a tick before the tick that
+    /// noticed.
     pub ended: Time,
 }
 
@@ -130,8 +131,9 @@ impl CommandGenerator {
         self.running.is_some()
     }
 
-    /// An order arrives; it is judged at the next tick. Each maneuver must follow the last one's identity, so an order
-    /// repeated, overtaken or replayed is not obeyed twice; while one runs or is about to, any other is not heard.
+    /// An order arrives; it is judged at the next tick. Each maneuver must follow the last one's identity, so
+    /// an order repeated, overtaken or replayed is not obeyed twice; while one runs or is about to, any other
+    /// is not heard.
     pub fn order(&mut self, order: StartOrder) {
         let steps_ahead = order.maneuver_id.wrapping_sub(self.record.id);
         let is_new = match self.record.phase {
@@ -392,7 +394,7 @@ mod tests {
 
     #[test]
     fn the_guard_ends_what_has_gone_wrong_for_long_enough() {
-        let (reason, _) = run_at(|commanded| Vector::new(0.0, commanded + 14.0, 9.0));
+        let (reason, _) = run_at(|commanded| Vector::new(0.0, (commanded + 14.0).min(37.9), 9.0));
         assert_eq!(reason, Reason::None);
         let (reason, ended_s) = run_at(|commanded| Vector::new(0.0, commanded, -10.5));
         assert_eq!((reason, ended_s), (Reason::RateExceeded, 0.1));

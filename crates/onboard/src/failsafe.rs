@@ -1,4 +1,5 @@
-//! Who flies: the ground while its commands are fresh, the vehicle itself when they are not, nobody after a stop.
+//! Who flies: the ground while its commands are fresh, the vehicle itself when they are not, nobody after a
+//! stop.
 //!
 //! | Age of the last accepted command | Action |
 //! | --- | --- |
@@ -7,8 +8,8 @@
 //! | over 500 ms | descend level at 1 m/s |
 //! | touchdown, land timer or emergency stop | motors off, latched until a person re-arms |
 //!
-//! A maneuver suspends this clock until a little after its planned end. A descent the ground orders ends without a latch
-//! if the ground stayed with it to the end.
+//! A maneuver suspends this clock until a little after its planned end. A descent the ground orders ends
+//! without a latch if the ground stayed with it to the end.
 
 use device::vehicle_link::{CommandFrame, CommandMode, FlightMode};
 use quantity::{Span, Time};
@@ -105,8 +106,8 @@ impl Supervisor {
         self.command_age(now).is_some_and(|age| age <= settings.fresh)
     }
 
-    /// A frame addressed to this vehicle. Answers whether it counts as a new command: a frame with its predecessor's
-    /// counter is a transmitter repeating itself, and keeps nobody in the air.
+    /// A frame addressed to this vehicle. Answers whether it counts as a new command: a frame with its
+    /// predecessor's counter is a transmitter repeating itself, and keeps nobody in the air.
     pub fn accept(
         &mut self,
         now: Time,
@@ -314,7 +315,8 @@ pub(crate) struct TouchdownDetector {
     still_since: Option<Time>,
 }
 
-/// Specific force beyond the commanded one that only the ground can give; a thrust wrong by a sixth is not enough.
+/// Specific force beyond the commanded one that only the ground can give; a thrust wrong by a sixth is not
+/// enough.
 const SUPPORT_M_S2: f64 = 1.5;
 const SUPPORT_LASTS: Span = Span::from_millis(150);
 /// Specific force of an impact: three times what a descent ever commands.
@@ -327,8 +329,8 @@ const STANDING_SPEED_M_S_MAX: f64 = 0.15;
 const STANDING_LASTS: Span = Span::from_millis(300);
 
 impl TouchdownDetector {
-    /// One tick of a descent: whether the vehicle stands on the ground. `force_m_s2` is the accelerometer's z,
-    /// `hinted` whether height and speed are still being corrected by the ground.
+    /// One tick of a descent: whether the vehicle stands on the ground. `force_m_s2` is the accelerometer's
+    /// z, `hinted` whether height and speed are still being corrected by the ground.
     pub fn tick(
         &mut self,
         now: Time,

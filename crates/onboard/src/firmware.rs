@@ -33,6 +33,9 @@ const DESCENT_RATIO_MAX: f64 = 1.25;
 /// Tilt below which a vehicle has recovered from an aborted maneuver.
 const RECOVERED_RAD: f64 = 0.35;
 
+/// A gyro lost for longer than this ends a maneuver; for shorter, its last reading serves.
+const GYRO_GAP_MAX: Span = Span::from_millis(20);
+
 /// A tick that comes later than this after the one before is reckoned as this much time.
 const TICK_SPAN_MAX: Span = Span::from_millis(10);
 
@@ -101,8 +104,9 @@ impl Firmware {
         })
     }
 
-    /// One tick of the rate loop, 800 times a second: sensors in, motor commands out (front, back, left, right; 0 is
-    /// off, else from the command of the least thrust to [`MOTOR_COMMAND_MAX`](crate::MOTOR_COMMAND_MAX)).
+    /// One tick of the rate loop, 800 times a second: sensors in, motor commands out (front, back, left,
+    /// right; 0 is off, else from the command of the least thrust to
+    /// [`MOTOR_COMMAND_MAX`](crate::MOTOR_COMMAND_MAX)).
     pub fn tick(&mut self, now: Time, imu: &ImuSample) -> [u8; 4] {
         self.commanded_thrusts_n(now, imu)
             .map_or([0; 4], |thrusts| motor_commands(&self.settings.airframe, thrusts))
@@ -145,12 +149,12 @@ impl Firmware {
         thrusts
     }
 
-    /// Nothing flies without gyros: a maneuver ends at once, and if they do not come back the motors stop.
+    /// Nothing flies without gyros: a maneuver ends soon, and if they do not come back the motors stop.
     fn check_gyros(&mut self, now: Time) {
         let Some(lost_for) = self.sensors.gyro_lost_for(now) else {
             return;
         };
-        if self.generator.abort(now, Reason::SensorFault) {
+        if lost_for > GYRO_GAP_MAX && self.generator.abort(now, Reason::SensorFault) {
             self.supervisor.maneuver_aborted(now, &self.settings.failsafe);
         }
         if lost_for > self.settings.failsafe.gyro_loss_max && self.supervisor.motors_on() {
@@ -308,8 +312,8 @@ impl Firmware {
         }
     }
 
-    /// The sixteen channels of a command frame. What is damaged, repeated or not for this vehicle changes nothing but
-    /// the [counters](Self::counters).
+    /// The sixteen channels of a command frame. What is damaged, repeated or not for this vehicle changes
+    /// nothing but the [counters](Self::counters).
     pub fn receive_channels(&mut self, now: Time, channels: &[u16; 16]) {
         let Ok((vehicle, frame)) = CommandFrame::decode(channels) else {
             self.counters.commands_damaged += 1;
@@ -402,8 +406,8 @@ impl Firmware {
     }
 
     /// Writes the next payload due for the ground and answers its length; call it until it answers `None`.
-    /// `out` should hold [`PAYLOAD_BYTES_MAX`](device::vehicle_link::PAYLOAD_BYTES_MAX) bytes; what does not fit
-    /// is lost.
+    /// `out` should hold [`PAYLOAD_BYTES_MAX`](device::vehicle_link::PAYLOAD_BYTES_MAX) bytes; what does not
+    /// fit is lost.
     pub fn poll_transmit(&mut self, now: Time, out: &mut [u8]) -> Option<usize> {
         let status = self.status(now);
         self.telemetry

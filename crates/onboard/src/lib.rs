@@ -1,10 +1,11 @@
-//! The vehicle's firmware, without hardware: sensor samples and radio bytes in, motor commands and radio bytes out.
+//! The vehicle's firmware, without hardware: sensor samples and radio bytes in, motor commands and radio
+//! bytes out.
 //!
 //! [`Firmware`] is called from two sides. Its owner, a flight computer's main loop or the simulator, calls
 //! [`Firmware::tick`] 800 times a second with what the sensors read and gives the answer to the four motor
 //! controllers; whenever a radio has something it calls [`Firmware::receive_channels`] or
-//! [`Firmware::receive_payload`], and [`Firmware::poll_transmit`] until there is nothing to send. Time is the vehicle's
-//! own and comes in with every call.
+//! [`Firmware::receive_payload`], and [`Firmware::poll_transmit`] until there is nothing to send. Time is the
+//! vehicle's own and comes in with every call.
 //!
 //! What it does, file by file (Lupashin 2010, section V.A and Fig. 7):
 //!

@@ -1,8 +1,8 @@
 //! Collective and angular accelerations to thrusts, thrusts to motor commands.
 //!
-//! The propellers stand at front (+x), back (-x), left (+y) and right (-y); every array here is in that order. More
-//! thrust at the back than at the front turns about +y and tips the thrust toward +x; more at the left than at the
-//! right turns about +x.
+//! The propellers stand at front (+x), back (-x), left (+y) and right (-y); every array here is in that
+//! order. More thrust at the back than at the front turns about +y and tips the thrust toward +x; more at the
+//! left than at the right turns about +x.
 
 use quantity::{Body, Vector, math};
 
@@ -16,11 +16,13 @@ pub const MOTOR_COMMAND_MAX: u8 = 200;
 pub(crate) enum YawShare {
     /// By all four propellers, leaving the collective as it is.
     All,
-    /// By the two at the sides alone, leaving the plane of a flip to the flip. // Lupashin 2010, eqs. (4), (7), (8).
+    /// By the two at the sides alone, leaving the plane of a flip to the flip. // Lupashin 2010, eqs. (4),
+    /// (7), (8).
     Sides,
 }
 
-/// Greatest angular accelerations about roll and pitch that still change a propeller's command at this collective.
+/// Greatest angular accelerations about roll and pitch that still change a propeller's command at this
+/// collective.
 pub(crate) fn room_rad_s2(airframe: &Airframe, collective_m_s2: f64) -> [f64; 2] {
     let share_n = airframe.mass_kg * collective_m_s2 / 4.0;
     let room_n = (airframe.thrust_n_max - share_n).max(share_n - airframe.thrust_n_min);
@@ -57,8 +59,8 @@ pub(crate) fn thrusts_n(
     .map(|thrust| thrust.clamp(airframe.thrust_n_min, airframe.thrust_n_max))
 }
 
-/// Motor commands that give these thrusts on this vehicle's propellers. They stay within what corresponds to the thrust
-/// range whatever the trim says.
+/// Motor commands that give these thrusts on this vehicle's propellers. They stay within what corresponds to
+/// the thrust range whatever the trim says.
 pub(crate) fn motor_commands(airframe: &Airframe, thrusts_n: [f64; 4]) -> [u8; 4] {
     let exact = |thrust_n: f64| {
         f64::from(MOTOR_COMMAND_MAX) * math::sqrt(thrust_n.max(0.0) / airframe.full_command_thrust_n)

@@ -1,8 +1,9 @@
 //! The parameter store: one active set, one being received beside it.
 //!
-//! A set becomes active whole or not at all: announced with its length and digest, received in any order and as often as
-//! it takes, and swapped in by a commit once it is complete, its digest comes out, the vehicle's limits admit it and no
-//! maneuver runs. Whatever is lost, repeated, overtaken or damaged on the way, the active set is one that was committed.
+//! A set becomes active whole or not at all: announced with its length and digest, received in any order and
+//! as often as it takes, and swapped in by a commit once it is complete, its digest comes out, the vehicle's
+//! limits admit it and no maneuver runs. Whatever is lost, repeated, overtaken or damaged on the way, the
+//! active set is one that was committed.
 
 use device::vehicle_link::{Items, Reason, SET_LEN_MAX, UploadReply, UploadState, digest_of};
 

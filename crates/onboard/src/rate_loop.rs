@@ -27,8 +27,8 @@ impl RateLoop {
         self.integral_rad = [0.0; 2];
     }
 
-    /// One tick in normal flight: whatever the gains' rule, the integral is conditional and limited, and it stands
-    /// still while `grounded`.
+    /// One tick in normal flight: whatever the gains' rule, the integral is conditional and limited, and it
+    /// stands still while `grounded`.
     pub fn fly(&mut self, tick: RateError, settings: &FirmwareSettings, grounded: bool) -> Vector<Body> {
         let rates = &settings.rates;
         let gains = RateGains {
@@ -67,8 +67,9 @@ impl RateLoop {
     }
 }
 
-/// The integral after a tick. The conditional rule admits no more than what brings the command to its limit, and is the
-/// rule of the learner's model to the letter: a difference between the two would have to be learned.
+/// The integral after a tick. The conditional rule admits no more than what brings the command to its limit,
+/// and is the rule of the learner's model to the letter: a difference between the two would have to be
+/// learned.
 fn admitted(gains: RateGains, room_rad_s2: f64, error_rad_s: f64, before: f64, after: f64) -> f64 {
     if gains.integral == Integral::Literal {
         return after;

@@ -24,12 +24,15 @@ pub struct Airframe {
     pub thrust_n_min: f64,
     /// Greatest thrust one propeller is ever commanded.
     pub thrust_n_max: f64,
-    /// Yaw torque about +z per newton of thrust of the front and back propellers; the left and right ones turn the
-    /// other way and give its opposite. Negative where front and back turn counter-clockwise seen from above.
+    /// Yaw torque about +z per newton of thrust of the front and back propellers; the left and right ones
+    /// turn the other way and give its opposite. Negative where front and back turn counter-clockwise seen
+    /// from above.
     pub yaw_torque_per_thrust_m: f64,
-    /// Thrust at motor command 200. Thrust grows with the square of the rotor speed, the command with the speed.
+    /// Thrust at motor command 200. Thrust grows with the square of the rotor speed, the command with the
+    /// speed.
     pub full_command_thrust_n: f64,
-    /// Per propeller (front, back, left, right), what its thrust must be multiplied by to balance the vehicle.
+    /// Per propeller (front, back, left, right), what its thrust must be multiplied by to balance the
+    /// vehicle.
     pub trim_ratio: [f64; 4],
     /// Collective acceleration that, commanded, makes the vehicle hover.
     pub hover_collective_m_s2: f64,
@@ -49,8 +52,8 @@ pub struct RateGains {
 impl RateGains {
     /// The paper's gains. // Lupashin 2010, Table I.
     ///
-    /// Stable with the rotor lags of Table I, rising 50 1/s and falling 25 1/s, but only just: a step of the commanded rate
-    /// overshoots by 80 % and rings at 17 Hz for 0.4 s.
+    /// Stable with the rotor lags of Table I, rising 50 1/s and falling 25 1/s, but only just: a step of the
+    /// commanded rate overshoots by 80 % and rings for 0.4 s.
     pub const TABLE_I: Self = Self {
         p_1_s: 240.0,
         i_1_s2: 3600.0,
@@ -145,9 +148,11 @@ pub struct FailsafeSettings {
     pub blind_descent_ratio: f64,
     /// Below this height an order to disarm is obeyed; above it, it is flown as a descent.
     pub disarm_height_m_max: f64,
-    /// A command whose collective is below this is a pilot's stick at rest: only after such a one may motors start.
+    /// A command whose collective is below this is a pilot's stick at rest: only after such a one may motors
+    /// start.
     pub rest_collective_m_s2_max: f64,
-    /// After an aborted maneuver, how long the vehicle may take to level itself before commands are flown again.
+    /// After an aborted maneuver, how long the vehicle may take to level itself before commands are flown
+    /// again.
     pub recovery_max: Span,
     /// Motors stop after this long without a usable gyro reading.
     pub gyro_loss_max: Span,
@@ -215,7 +220,8 @@ impl fmt::Display for SettingsError {
 impl core::error::Error for SettingsError {}
 
 impl FirmwareSettings {
-    /// The paper's vehicle (Lupashin 2010, Table I) with three lithium-polymer cells and the failsafe's default times.
+    /// The paper's vehicle (Lupashin 2010, Table I) with three lithium-polymer cells and the failsafe's
+    /// default times.
     #[must_use]
     pub const fn table_i(vehicle: u8) -> Self {
         Self {

@@ -16,7 +16,8 @@ use crate::rotor::{Course, Lag, ROTORS, Rotors};
 /// One vehicle's body in the hall.
 #[derive(Clone, Debug)]
 pub struct Airframe {
-    mass_kg: f64,
+    /// One by the mass.
+    inverse_mass_1_kg: f64,
     inertia: Inertia,
     rotors: Rotors,
     air: Air,
@@ -39,11 +40,11 @@ pub struct Airframe {
     load: Load,
 }
 
-/// What the rotors' own rotation does to the body within a step.
+/// What the rotors' own rotation does to the body within a step, at its beginning, middle and end.
 #[derive(Clone, Copy)]
 struct Spin {
-    momentum: f64,
-    reaction_n_m: f64,
+    momentum: [f64; 3],
+    reaction_n_m: [f64; 3],
 }
 
 impl Airframe {
@@ -58,7 +59,7 @@ impl Airframe {
         let place = Vector::new(member.part.start_x_m, member.part.start_y_m, floor.gear_height_m());
         let gust_stream = Stream::new(seed, Purpose::Gust, vehicle.id);
         let mut airframe = Self {
-            mass_kg,
+            inverse_mass_1_kg: 1.0 / mass_kg,
             inertia: Inertia::new(vehicle.airframe.inertia_kg_m2.map(|i| i * truth.body.inertia_ratio)),
             rotors,
             air: Air::new(truth),
@@ -135,11 +136,15 @@ impl Airframe {
         self.refresh();
     }
 
-    /// Weakens (or restores) a rotor, front, back, left or right.
-    pub fn set_health_ratio(&mut self, rotor: usize, ratio: f64) {
-        if let Some(health) = self.health_ratio.get_mut(rotor) {
-            *health = ratio;
-        }
+    /// What is left of each rotor's thrust, from the next command on.
+    pub fn set_health_ratio(&mut self, health_ratio: [f64; ROTORS]) {
+        self.health_ratio = health_ratio;
+    }
+
+    /// Height of the centre of mass of the vehicle standing.
+    #[must_use]
+    pub fn gear_height_m(&self) -> f64 {
+        self.floor.gear_height_m()
     }
 
     /// Specific force at the last tick: what accelerometers feel.
@@ -205,16 +210,18 @@ impl Airframe {
     }
 
     fn flown(&self, step_s: f64, course: &Course) -> Motion {
-        let begin = self.rotors.spin_momentum(&self.roots);
-        let end = self.rotors.spin_momentum(&course.end_roots);
-        let spin = Spin { momentum: 0.5 * (begin + end), reaction_n_m: (begin - end) / step_s };
+        let spin = Spin::new(
+            [self.roots, course.middle_roots(&self.roots), course.end_roots]
+                .map(|roots| self.rotors.spin_momentum(&roots)),
+            step_s,
+        );
         let ground = self.ground_ratio();
         let mut first = self.load;
-        first.torque_n_m += spin.torque_n_m(self.motion.rate_rad_s);
+        first.torque_n_m += spin.torque_n_m(Stage::Start, self.motion.rate_rad_s);
         self.motion.stepped(&self.inertia, step_s, first, |stage, motion| {
             let thrust_n = if stage == Stage::Middle { &course.middle_n } else { &course.end_n };
             let mut load = self.load_at(motion, thrust_n, ground);
-            load.torque_n_m += spin.torque_n_m(motion.rate_rad_s);
+            load.torque_n_m += spin.torque_n_m(stage, motion.rate_rad_s);
             load
         })
     }
@@ -224,7 +231,7 @@ impl Airframe {
         let axial_m_s = self.rotors.axial_m_s(up.dot(motion.velocity_m_s), motion.rate_rad_s);
         let actual_n: [f64; ROTORS] =
             core::array::from_fn(|i| static_n[i] * ground * self.air.inflow_ratio(axial_m_s[i]));
-        let collective_m_s2 = actual_n.iter().sum::<f64>() / self.mass_kg;
+        let collective_m_s2 = actual_n.iter().sum::<f64>() * self.inverse_mass_1_kg;
         let gravity = Vector::new(0.0, 0.0, -GRAVITY_M_S2);
         Load {
             acceleration_m_s2: up * collective_m_s2
@@ -253,9 +260,17 @@ impl Airframe {
 }
 
 impl Spin {
+    /// From the rotors' angular momentum at the three instants; its change follows from the parabola through them, so
+    /// that Runge and Kutta's weights give the whole change exactly.
+    fn new([begin, middle, end]: [f64; 3], step_s: f64) -> Self {
+        let changes = [4.0 * middle - 3.0 * begin - end, end - begin, begin - 4.0 * middle + 3.0 * end];
+        Self { momentum: [begin, middle, end], reaction_n_m: changes.map(|change| -change / step_s) }
+    }
+
     /// Gyroscopic torque of the rotors' momentum, and the reaction to its change.
-    fn torque_n_m(self, rate_rad_s: Vector<Body>) -> Vector<Body> {
-        Vector::new(-rate_rad_s.y * self.momentum, rate_rad_s.x * self.momentum, self.reaction_n_m)
+    fn torque_n_m(&self, stage: Stage, rate_rad_s: Vector<Body>) -> Vector<Body> {
+        let (momentum, reaction_n_m) = (self.momentum[stage as usize], self.reaction_n_m[stage as usize]);
+        Vector::new(-rate_rad_s.y * momentum, rate_rad_s.x * momentum, reaction_n_m)
     }
 }
 
@@ -266,4 +281,196 @@ fn z_axis(q: Rotation<Body, World>) -> Vector<World> {
         2.0 * (q.y * q.z - q.w * q.x),
         1.0 - 2.0 * (q.x * q.x + q.y * q.y),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{ideal, member};
+    use quantity::math;
+
+    const STEP_S: f64 = 1.25e-3;
+
+    fn airframe_of(member: &FleetVehicle, step_s: f64) -> Airframe {
+        Airframe::new(member, 1, step_s, &mut Stream::new(1, Purpose::Build, 1))
+    }
+
+    fn flying(member: &FleetVehicle, thrust_n: [f64; 4]) -> Airframe {
+        let mut airframe = airframe_of(member, STEP_S);
+        airframe.place(Motion::at_rest(Vector::new(0.0, 0.0, 5.0), 0.0), thrust_n);
+        airframe
+    }
+
+    /// Motor commands with fractions: sets the asked thrusts directly.
+    fn ask(airframe: &mut Airframe, thrust_n: [f64; 4]) {
+        airframe.asked_n = thrust_n;
+    }
+
+    #[test]
+    fn hover_thrust_hovers() {
+        let hover_n = 0.468 * GRAVITY_M_S2 / 4.0;
+        let mut airframe = flying(&ideal(), [hover_n; 4]);
+        for _ in 0..8_000 {
+            ask(&mut airframe, [hover_n; 4]);
+            airframe.step();
+        }
+        let motion = airframe.motion();
+        assert!((motion.position_m - Vector::new(0.0, 0.0, 5.0)).norm() < 1e-9, "{motion:?}");
+        assert!(airframe.specific_force_m_s2().z - GRAVITY_M_S2 < 1e-9);
+    }
+
+    #[test]
+    fn a_dropped_vehicle_falls_freely_and_feels_nothing() {
+        let mut airframe = flying(&ideal(), [0.0; 4]);
+        for _ in 0..400 {
+            airframe.command([0; 4]);
+            airframe.step();
+        }
+        let motion = airframe.motion();
+        assert!((motion.position_m.z - (5.0 - 0.5 * GRAVITY_M_S2 * 0.25)).abs() < 1e-9);
+        assert!(airframe.specific_force_m_s2().norm() < 1e-9);
+    }
+
+    #[test]
+    fn terminal_speeds_balance_drag_and_climb_costs_thrust() {
+        // Falling flat: gravity against drag, 0.3 1/s, and the rotors' windmilling left out (no thrust).
+        let mut member = ideal();
+        member.vehicle.plant.body.drag_1_s = 3.0;
+        let mut airframe = flying(&member, [0.0; 4]);
+        for _ in 0..1_100 {
+            airframe.step();
+        }
+        assert!((airframe.motion().velocity_m_s.z + GRAVITY_M_S2 / 3.0).abs() < 0.06);
+        // Climbing under constant command: the speed at which inflow has taken the surplus.
+        let mut member = ideal();
+        member.vehicle.plant.rotor.inflow_loss_s_m = 0.04;
+        let thrust_n = 1.1 * 0.468 * GRAVITY_M_S2 / 4.0;
+        let mut airframe = flying(&member, [thrust_n; 4]);
+        for _ in 0..16_000 {
+            ask(&mut airframe, [thrust_n; 4]);
+            airframe.step();
+        }
+        let climb = (1.0 - 1.0 / 1.1) / 0.04;
+        assert!((airframe.motion().velocity_m_s.z - climb).abs() < 0.002, "{:?}", airframe.motion());
+    }
+
+    #[test]
+    fn more_thrust_behind_pitches_forward_and_flies_forward() {
+        let mut airframe = flying(&ideal(), [1.148; 4]);
+        for tick in 0..200 {
+            ask(&mut airframe, if tick < 100 { [1.1, 1.196, 1.148, 1.148] } else { [1.148; 4] });
+            airframe.step();
+        }
+        assert!(airframe.motion().rate_rad_s.y > 0.1 && airframe.motion().velocity_m_s.x > 0.01);
+        // The pitch rate that torque over inertia gives, the lags delaying but not losing any of it.
+        let torque_n_m = 0.17 * 0.096;
+        let expected = torque_n_m / 0.0023 * 0.125;
+        assert!((airframe.motion().rate_rad_s.y / expected - 1.0).abs() < 0.25);
+    }
+
+    #[test]
+    fn pitching_fast_is_damped_by_the_inflow() {
+        let mut member = ideal();
+        member.vehicle.plant.rotor.inflow_loss_s_m = 0.04;
+        let airframe = {
+            let mut airframe = flying(&member, [1.148; 4]);
+            let mut motion = *airframe.motion();
+            motion.rate_rad_s.y = 27.925;
+            airframe.place(motion, [1.148; 4]);
+            airframe
+        };
+        // plant.md has 0.17 Nm from 0.105 N/(m/s) a rotor; here 0.04 of hover thrust is 0.046 N/(m/s).
+        let expected = -2.0 * 0.17 * 0.17 * 27.925 * 0.04 * 1.148;
+        assert!((airframe.load.torque_n_m.y - expected).abs() < 1e-9, "{:?}", airframe.load);
+    }
+
+    #[test]
+    fn rotors_changing_speed_turn_the_body_and_together_keep_angular_momentum() {
+        let mut member = ideal();
+        member.vehicle.plant.rotor.spin_inertia_kg_m2 = 8e-6;
+        member.vehicle.rotor.drag_torque_m = 0.0;
+        let mut airframe = flying(&member, [1.148; 4]);
+        let total = |airframe: &Airframe| {
+            0.004 * airframe.motion.rate_rad_s.z + airframe.rotors.spin_momentum(&airframe.roots)
+        };
+        let before = total(&airframe);
+        for _ in 0..80 {
+            ask(&mut airframe, [2.5, 2.5, 0.3, 0.3]);
+            airframe.step();
+        }
+        assert!(airframe.motion.rate_rad_s.z > 0.5);
+        assert!((total(&airframe) - before).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_landed_vehicle_rests_and_lifts_off_when_thrust_exceeds_weight() {
+        let mut airframe = airframe_of(&member(), STEP_S);
+        for _ in 0..800 {
+            airframe.command([100; 4]);
+            assert_eq!(airframe.step(), None);
+        }
+        assert_eq!(airframe.contact(), Contact::Standing);
+        assert!((airframe.motion().position_m.z - 0.04).abs() < 1e-12);
+        assert!((airframe.specific_force_m_s2().z - GRAVITY_M_S2).abs() < 1e-9);
+        for _ in 0..800 {
+            airframe.command([150; 4]);
+            airframe.step();
+        }
+        assert_eq!(airframe.contact(), Contact::Free);
+        assert!(airframe.motion().position_m.z > 0.3);
+        airframe.command([0; 4]);
+        let touchdown = (0..4_000).find_map(|_| airframe.step()).expect("it comes down");
+        assert!(touchdown.vertical_m_s > 2.0, "{touchdown:?}");
+    }
+
+    #[test]
+    fn looking_ahead_changes_nothing_and_agrees_with_going_there() {
+        let mut airframe = flying(&member(), [1.3, 1.1, 1.2, 1.0]);
+        for _ in 0..40 {
+            airframe.command([120, 150, 130, 140]);
+            airframe.step();
+        }
+        let before = airframe.motion;
+        let whole = airframe.ahead(STEP_S);
+        assert_eq!(airframe.motion, before);
+        assert_eq!(airframe.ahead(0.0), before);
+        airframe.step();
+        assert!((airframe.motion.position_m - whole.position_m).norm() < 1e-12);
+        assert!(airframe.motion.orientation.angle_to(whole.orientation) < 1e-9);
+    }
+
+    /// A flip's worth of hard commands: full on one side, then coasting, then full on the other.
+    fn hard_flight(substeps: u32) -> Motion {
+        let mut member = member();
+        member.vehicle.plant.air.gust_m_s2 = 0.0;
+        member.vehicle.plant.battery.droop_ratio = 0.0;
+        member.vehicle.plant.battery.fade_ratio = 0.0;
+        let mut airframe = airframe_of(&member, STEP_S / f64::from(substeps));
+        airframe.place(Motion::at_rest(Vector::new(0.0, 0.0, 5.0), 0.3), [1.15; 4]);
+        for tick in 0..800 {
+            airframe.command(match tick {
+                0..160 => [185, 187, 186, 185],
+                160..240 => [40, 195, 136, 140],
+                240..460 => [60, 62, 60, 61],
+                460..540 => [195, 40, 137, 136],
+                _ => [184, 186, 185, 185],
+            });
+            for _ in 0..substeps {
+                airframe.step();
+            }
+        }
+        airframe.motion
+    }
+
+    #[test]
+    fn one_step_a_tick_is_as_good_as_sixteen() {
+        let (coarse, fine) = (hard_flight(1), hard_flight(16));
+        let off = (coarse.position_m - fine.position_m).norm()
+            + (coarse.velocity_m_s - fine.velocity_m_s).norm()
+            + (coarse.rate_rad_s - fine.rate_rad_s).norm()
+            + coarse.orientation.angle_to(fine.orientation);
+        // plant.md: 4.4e-7 for its own flight.
+        assert!(off < 4.4e-7, "{off:e}");
+        assert!(math::sqrt(fine.rate_rad_s.dot(fine.rate_rad_s)) > 1.0);
+    }
 }

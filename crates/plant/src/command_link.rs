@@ -113,13 +113,12 @@ impl CommandLink {
         self.air.next_at()
     }
 
-    /// The channels of the next frame that has arrived by `now`, with its time; `None` inside for one that the
-    /// receiver does not recognise, or that says the transmitter itself has no signal.
-    pub fn arrived(&mut self, now: Time) -> Option<(Time, Option<[u16; 16]>)> {
+    /// The next frame that has arrived by `now`, with its time; `None` inside for one that the receiver does not
+    /// recognise.
+    pub fn arrived(&mut self, now: Time) -> Option<(Time, Option<Frame>)> {
         let (at, bytes) = self.air.pop_due(now)?;
         self.counts.delivered += 1;
-        let frame = Frame::decode(&bytes).ok().filter(|frame| !frame.failsafe && !frame.frame_lost);
-        Some((at, frame.map(|frame| frame.channels)))
+        Some((at, Frame::decode(&bytes).ok()))
     }
 }
 
@@ -145,8 +144,8 @@ mod tests {
         CommandLink::new(1, &settings, 11)
     }
 
-    fn channels(n: u16) -> [u16; 16] {
-        core::array::from_fn(|i| (n.wrapping_mul(37) + i as u16 * 101) & 0x7FF)
+    fn frame(n: u16) -> Frame {
+        Frame::new(core::array::from_fn(|i| n.wrapping_mul(37).wrapping_add(i as u16 * 101) & 0x7FF))
     }
 
     fn slot(n: i64) -> Time {
@@ -162,17 +161,17 @@ mod tests {
         });
         let mut received = Vec::new();
         for n in 0..500 {
-            link.feed(slot(n), &Frame::new(channels(n as u16)).encode(), &Schedule::default());
-            while let Some((at, frame)) = link.arrived(slot(n)) {
-                received.push((at, frame.unwrap()));
+            link.feed(slot(n), &frame(n as u16).encode(), &Schedule::default());
+            while let Some((at, arrived)) = link.arrived(slot(n)) {
+                received.push((at, arrived.unwrap()));
             }
         }
-        while let Some((at, frame)) = link.arrived(Time::FAR_FUTURE) {
-            received.push((at, frame.unwrap()));
+        while let Some((at, arrived)) = link.arrived(Time::FAR_FUTURE) {
+            received.push((at, arrived.unwrap()));
         }
         assert_eq!(received.len(), 500);
-        for (n, (at, frame)) in received.iter().enumerate() {
-            assert_eq!(*frame, channels(n as u16));
+        for (n, (at, arrived)) in received.iter().enumerate() {
+            assert_eq!(*arrived, frame(n as u16));
             assert!(*at - slot(n as i64) >= Span::from_millis(18));
         }
         assert!(received.is_sorted_by_key(|(at, _)| *at));
@@ -187,9 +186,9 @@ mod tests {
         let n = 20_000;
         let mut wrong = 0;
         for k in 0..n {
-            link.feed(slot(k), &Frame::new(channels(k as u16)).encode(), &Schedule::default());
-            while let Some((_, frame)) = link.arrived(slot(k + 1)) {
-                wrong += u64::from(frame != Some(channels(k as u16)));
+            link.feed(slot(k), &frame(k as u16).encode(), &Schedule::default());
+            while let Some((_, arrived)) = link.arrived(Time::FAR_FUTURE) {
+                wrong += u64::from(arrived != Some(frame(k as u16)));
             }
         }
         let counts = link.counts();
@@ -208,7 +207,7 @@ mod tests {
         faults.add(Fault::CommandLoss { vehicle: 1, loss_ratio: 1.0 }, slot(10), slot(20));
         faults.add(Fault::CommandLoss { vehicle: 2, loss_ratio: 1.0 }, slot(0), slot(30));
         for k in 0..30 {
-            link.feed(slot(k), &Frame::new(channels(1)).encode(), &faults);
+            link.feed(slot(k), &frame(1).encode(), &faults);
         }
         assert_eq!(link.counts().lost, 10);
     }
@@ -219,11 +218,11 @@ mod tests {
             settings.loss_ratio = 0.0;
             settings.corruption_ratio = 0.0;
         });
-        let bytes = Frame::new(channels(7)).encode();
+        let bytes = frame(7).encode();
         link.feed(slot(0), &bytes[..13], &Schedule::default());
         link.feed(slot(1), &bytes[..9], &Schedule::default());
         link.feed(slot(1) + Span::from_millis(1), &bytes[9..], &Schedule::default());
-        assert_eq!(link.arrived(Time::FAR_FUTURE).unwrap().1, Some(channels(7)));
+        assert_eq!(link.arrived(Time::FAR_FUTURE).unwrap().1, Some(frame(7)));
         assert_eq!(link.arrived(Time::FAR_FUTURE), None);
     }
 }

@@ -29,6 +29,14 @@ pub enum Purpose {
     Uplink = 9,
     /// The data link, vehicle to ground.
     Downlink = 10,
+    /// The bus in virtual time.
+    Network = 11,
+    /// A run's id.
+    Run = 12,
+    /// A node's seed.
+    Node = 13,
+    /// What a test draws its world from.
+    World = 14,
 }
 
 /// A stream of random numbers.

@@ -1,8 +1,8 @@
 //! Text and sequences with a bound, written as ROS 1 writes them: a `u32` count, then the content.
 //!
-//! bincode's own text and vectors have a `u64` count and no bound. Here both are written as tuples of a count and
-//! elements, which is what a count and elements are to any format that writes fields one after another. They are made
-//! for such formats only: a body is read without its Rust type through [`Value`](crate::Value).
+//! bincode's own text and vectors have a `u64` count and no bound. Here both are written as tuples of a count
+//! and elements, which is what a count and elements are to any format that writes fields one after another.
+//! They are made for such formats only: a body is read without its Rust type through [`Value`](crate::Value).
 
 use core::fmt;
 use core::marker::PhantomData;
@@ -46,8 +46,8 @@ impl<const N: usize> Text<N> {
         length: 0,
     };
 
-    /// Whatever `content` displays as, cut at the last character that fits. Takes `&str`, `format_args!` and any other
-    /// `Display`; allocates nothing.
+    /// Whatever `content` displays as, cut at the last character that fits. Takes `&str`, `format_args!` and
+    /// any other `Display`; allocates nothing.
     #[must_use]
     pub fn truncated(content: impl fmt::Display) -> Self {
         let mut writer = Truncating {
@@ -205,17 +205,6 @@ impl<T, const N: usize> Seq<T, N> {
         self.0.push(element);
         Ok(())
     }
-
-    /// Takes all elements out and keeps the memory for the next.
-    pub fn clear(&mut self) {
-        self.0.clear();
-    }
-
-    /// The elements as a vector.
-    #[must_use]
-    pub fn into_vec(self) -> Vec<T> {
-        self.0
-    }
 }
 
 impl<T: Clone, const N: usize> TryFrom<&[T]> for Seq<T, N> {
@@ -326,8 +315,8 @@ fn next<'de, A: SeqAccess<'de>, T: Deserialize<'de>>(access: &mut A) -> Result<T
         .ok_or_else(|| A::Error::custom("content cut short"))
 }
 
-/// Bytes as little-endian `u64` words and a rest: the same bytes on a little-endian wire of fixed sizes, at a fraction
-/// of the calls.
+/// Bytes as little-endian `u64` words and a rest: the same bytes on a little-endian wire of fixed sizes, at a
+/// fraction of the calls.
 pub(crate) fn serialize_bytes<S: SerializeTuple>(bytes: &[u8], tuple: &mut S) -> Result<(), S::Error> {
     let (words, rest) = bytes.as_chunks::<8>();
     words
@@ -349,4 +338,55 @@ pub(crate) fn deserialize_bytes<'de, A: SeqAccess<'de>>(
         *byte = next(access)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn text_is_cut_between_characters() {
+        assert_eq!(Text::<4>::truncated("aéé"), "aé");
+        assert_eq!(Text::<4>::truncated("ab").as_str(), "ab");
+        assert_eq!(
+            Text::<4>::truncated(format_args!("{}{}é{}", "a", 12, "never reached")),
+            "a12"
+        );
+        assert_eq!(Text::<0>::truncated("a"), "");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        assert_eq!(Text::<4>::try_from("12345"), Err(TooLong { length: 5, bound: 4 }));
+        assert_eq!(
+            Seq::<u8, 2>::try_from(vec![1, 2, 3]),
+            Err(TooLong { length: 3, bound: 2 })
+        );
+        assert_eq!(
+            Seq::<u8, 2>::try_from(&[1, 2, 3][..]),
+            Err(TooLong { length: 3, bound: 2 })
+        );
+        let mut full = Seq::<u8, 1>::try_from(vec![1]).expect("one fits");
+        assert_eq!(full.push(2), Err(2));
+        assert_eq!(*full, [1]);
+    }
+
+    proptest! {
+        #[test]
+        fn text_orders_and_equals_as_its_content_does(a in "\\PC{0,4}", b in "\\PC{0,4}") {
+            let (x, y) = (Text::<16>::truncated(&a), Text::<16>::truncated(&b));
+            prop_assert_eq!(x == y, a == b);
+            prop_assert_eq!(x.cmp(&y), a.cmp(&b));
+            prop_assert_eq!(Text::<16>::try_from(a.as_str()), Ok(x));
+        }
+
+        #[test]
+        fn truncated_text_is_the_longest_that_fits(content in "\\PC{0,12}") {
+            let text = Text::<8>::truncated(&content);
+            prop_assert!(content.starts_with(text.as_str()));
+            let next = content[text.len()..].chars().next();
+            prop_assert!(next.is_none_or(|next| text.len() + next.len_utf8() > 8));
+        }
+    }
 }

@@ -1,13 +1,13 @@
 //! Messages that describe themselves: fields, units, frames, schema text and ids.
 //!
 //! A message is a plain struct that derives [`Message`] beside serde's two traits. The derive writes down, as
-//! constants, what the struct says anyway: its fields in wire order, their types, units (from their names), frames
-//! (from their types) and meaning (from their doc comments). From that one [`Schema`] come the `ros1msg` text that
-//! recordings carry ([`Schema::text`]), the id by which receivers know a type ([`Schema::id`]), and a view of a body
-//! without its Rust type ([`Value::decode`]).
+//! constants, what the struct says anyway: its fields in wire order, their types, units (from their names),
+//! frames (from their types) and meaning (from their doc comments). From that one [`Schema`] come the
+//! `ros1msg` text that recordings carry ([`Schema::text`]), the id by which receivers know a type
+//! ([`Schema::id`]), and a view of a body without its Rust type ([`Value::decode`]).
 //!
-//! What cannot stand on the wire does not compile: `Option`, enums with data, `usize`, `char`, maps, unbounded text, a
-//! field without a doc comment, a float whose name carries no known unit.
+//! What cannot stand on the wire does not compile: `Option`, enums with data, `usize`, `char`, maps,
+//! unbounded text, a field without a doc comment, a float whose name carries no known unit.
 
 mod bounded;
 mod fnv;

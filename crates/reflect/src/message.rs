@@ -20,7 +20,8 @@ pub trait Message: Serialize + DeserializeOwned {
     fn all_finite(&self) -> bool;
 }
 
-/// A field-less enum with explicit values; derive it. It is written as its value, and an unknown value does not decode.
+/// A field-less enum with explicit values; derive it. It is written as its value, and an unknown value does
+/// not decode.
 pub trait Enumeration: Copy + Serialize + DeserializeOwned {
     /// Its description.
     const SCHEMA: &'static EnumSchema;
@@ -32,12 +33,12 @@ pub trait Enumeration: Copy + Serialize + DeserializeOwned {
     fn from_value(value: u32) -> Option<Self>;
 }
 
-/// A type that can be a field of a message: numbers, `bool`, `Time`, `Text`, `Seq`, arrays, enumerations and other
-/// messages, each with a fixed form on the wire.
+/// A type that can be a field of a message: numbers, `bool`, `Time`, `Text`, `Seq`, arrays, enumerations and
+/// other messages, each with a fixed form on the wire.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` cannot be a field of a message",
     label = "has no form on the wire",
-    note = "a field is a number of fixed size, a `bool`, `Time`, `Text`, `Seq`, an array, an enumeration or a message"
+    note = "a field is a number of fixed size, a bool, Time, Text, Seq, an array, an enumeration or a message"
 )]
 pub trait FieldType {
     /// What it is on the wire.

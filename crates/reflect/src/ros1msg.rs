@@ -10,35 +10,14 @@ const SEPARATOR: &str = "=======================================================
 pub(crate) fn text(schema: &Schema) -> String {
     let mut out = String::new();
     definition(&mut out, schema);
-    let mut nested: Vec<&'static Schema> = Vec::new();
-    collect_nested(schema, &mut nested);
-    for schema in nested {
+    for nested in schema.nested() {
         out.push_str(SEPARATOR);
         out.push_str("\nMSG: ");
-        out.push_str(schema.name);
+        out.push_str(nested.name);
         out.push('\n');
-        definition(&mut out, schema);
+        definition(&mut out, nested);
     }
     out
-}
-
-fn collect_nested(schema: &Schema, found: &mut Vec<&'static Schema>) {
-    for field in schema.fields {
-        if let Kind::Message(inner) = innermost(field.kind)
-            && !found.iter().any(|known| known.name == inner.name)
-        {
-            found.push(inner);
-            collect_nested(inner, found);
-        }
-    }
-}
-
-/// What the elements of sequences and arrays finally are.
-fn innermost(kind: Kind) -> Kind {
-    match kind {
-        Kind::Seq { element, .. } | Kind::Array { element, .. } => innermost(*element),
-        other => other,
-    }
 }
 
 fn definition(out: &mut String, schema: &Schema) {
@@ -47,7 +26,7 @@ fn definition(out: &mut String, schema: &Schema) {
     let mut written: Vec<&str> = Vec::new();
     for field in schema.fields {
         out.push('\n');
-        if let Kind::Enumeration(choice) = innermost(field.kind)
+        if let Kind::Enumeration(choice) = field.kind.innermost()
             && !written.contains(&choice.name)
         {
             written.push(choice.name);
@@ -60,7 +39,7 @@ fn definition(out: &mut String, schema: &Schema) {
 fn enums_of(schema: &Schema) -> Vec<&'static str> {
     let mut names = Vec::new();
     for field in schema.fields {
-        if let Kind::Enumeration(choice) = innermost(field.kind)
+        if let Kind::Enumeration(choice) = field.kind.innermost()
             && !names.contains(&choice.name)
         {
             names.push(choice.name);
@@ -69,8 +48,9 @@ fn enums_of(schema: &Schema) -> Vec<&'static str> {
     names
 }
 
-/// The values of an enum, right before the first field that holds one: viewers then label that field with their names.
-/// Where a message holds several enums, each prefixes its own values, since a definition has one space of names.
+/// The values of an enum, right before the first field that holds one: viewers then label that field with
+/// their names. Where a message holds several enums, each prefixes its own values, since a definition has one
+/// space of names.
 fn constants(out: &mut String, choice: &EnumSchema, prefixed: bool) {
     let prefix = if prefixed {
         upper_snake(choice.name) + "_"
@@ -79,14 +59,10 @@ fn constants(out: &mut String, choice: &EnumSchema, prefixed: bool) {
     };
     comment(out, &format!("{}: {}", choice.name, choice.doc));
     for constant in choice.constants {
-        comment(out, constant.doc);
-        let _ = writeln!(
-            out,
-            "{} {prefix}{}={}",
-            enum_type(choice),
-            constant.name,
-            constant.value
-        );
+        let (name, value) = (constant.name, constant.value);
+        // On one line: a comment after a number is a comment to every reader of the format.
+        let doc = constant.doc.replace('\n', " ");
+        let _ = writeln!(out, "{} {prefix}{name}={value}  # {doc}", enum_type(choice));
     }
 }
 
@@ -96,7 +72,7 @@ fn field_text(out: &mut String, field: &Field) {
     notes.extend(field.unit.map(|unit| format!("unit {unit}")));
     notes.extend(field.axes.map(|axes| axes.to_string()));
     bounds(field.kind, &mut notes);
-    if let Kind::Enumeration(choice) = innermost(field.kind) {
+    if let Kind::Enumeration(choice) = field.kind.innermost() {
         notes.push(format!("values of {}", choice.name));
     }
     if !notes.is_empty() {

@@ -116,18 +116,36 @@ pub enum Axes {
 }
 
 impl Schema {
-    /// The definition as `ros1msg` text: fields in wire order, meaning and units as comments, the definitions of nested
-    /// types appended as rosbag embeds them.
+    /// The definition as `ros1msg` text: fields in wire order, meaning and units as comments, the definitions
+    /// of nested types appended as rosbag embeds them.
     #[must_use]
     pub fn text(&self) -> String {
         ros1msg::text(self)
     }
 
-    /// The id that datagrams carry: FNV-1a-64 of name, NUL and text. Any change of the definition, even of a comment,
-    /// changes it.
+    /// The id that datagrams carry: FNV-1a-64 of name, NUL and text. Any change of the definition, even of a
+    /// comment, changes it.
     #[must_use]
     pub fn id(&self) -> u64 {
         fnv1a_64(&[self.name.as_bytes(), &[0], self.text().as_bytes()])
+    }
+
+    /// The message types within this one, each once, in the order they are met.
+    #[must_use]
+    pub fn nested(&self) -> Vec<&'static Self> {
+        fn collect(schema: &Schema, found: &mut Vec<&'static Schema>) {
+            for field in schema.fields {
+                if let Kind::Message(inner) = field.kind.innermost()
+                    && !found.iter().any(|known| known.name == inner.name)
+                {
+                    found.push(inner);
+                    collect(inner, found);
+                }
+            }
+        }
+        let mut found = Vec::new();
+        collect(self, &mut found);
+        found
     }
 
     /// The field of that name.
@@ -138,6 +156,15 @@ impl Schema {
 }
 
 impl Kind {
+    /// What the elements of a sequence or an array are; itself for anything else.
+    #[must_use]
+    pub const fn innermost(self) -> Self {
+        match self {
+            Self::Seq { element, .. } | Self::Array { element, .. } => element.innermost(),
+            other => other,
+        }
+    }
+
     /// Whether ROS 1 has a type for it: it knows no sequences of sequences.
     #[must_use]
     pub const fn has_ros1_type(&self) -> bool {

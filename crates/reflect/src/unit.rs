@@ -50,25 +50,34 @@ pub const UNITS: &[Unit] = &[
 /// What may follow the unit.
 const QUALIFIERS: &[&str] = &["min", "max", "mean", "median", "std", "rms", "p99"];
 
+/// Units that are not SI: before a unit they make another one (`rate_deg_s`), which is refused.
+const FOREIGN: &[&str] = &["deg", "mm", "cm", "km", "g", "rpm", "mah"];
+
 impl Unit {
-    /// The unit in a field's name; the longest that fits, so `speed_m_s` is metres per second, not seconds.
+    /// The unit in a field's name: the longest that fits, so `speed_m_s` is metres per second, not seconds.
+    /// `None` too where a further unit stands before it, known or foreign: `rate_deg_s` is no rate in
+    /// seconds.
     #[must_use]
     pub const fn of_field(name: &str) -> Option<Self> {
         let name = without_qualifier(name.as_bytes());
-        let mut best: Option<Self> = None;
+        let mut best: Option<(Self, usize)> = None;
         let mut i = 0;
         while i < UNITS.len() {
-            let unit = UNITS[i];
-            let longer = match best {
-                Some(best) => unit.suffix.len() > best.suffix.len(),
-                None => true,
-            };
-            if longer && stem_length(name, unit.suffix.as_bytes()).is_some() {
-                best = Some(unit);
+            if let Some(stem) = stem_length(name, UNITS[i].suffix.as_bytes()) {
+                let longer = match best {
+                    Some((_, best_stem)) => stem < best_stem,
+                    None => true,
+                };
+                if longer {
+                    best = Some((UNITS[i], stem));
+                }
             }
             i += 1;
         }
-        best
+        match best {
+            Some((unit, stem)) if !ends_in_unit(name.split_at(stem).0) => Some(unit),
+            _ => None,
+        }
     }
 }
 
@@ -87,6 +96,24 @@ const fn without_qualifier(name: &[u8]) -> &[u8] {
         i += 1;
     }
     name
+}
+
+const fn ends_in_unit(stem: &[u8]) -> bool {
+    let mut i = 0;
+    while i < UNITS.len() {
+        if stem_length(stem, UNITS[i].suffix.as_bytes()).is_some() {
+            return true;
+        }
+        i += 1;
+    }
+    let mut i = 0;
+    while i < FOREIGN.len() {
+        if stem_length(stem, FOREIGN[i].as_bytes()).is_some() {
+            return true;
+        }
+        i += 1;
+    }
+    false
 }
 
 /// The length of what stands before `_` and `suffix` at the end of `name`; nothing before them is no match.
@@ -132,6 +159,7 @@ mod tests {
     #[test]
     fn a_name_without_quantity_or_unit_has_none() {
         for name in [
+            "",
             "m",
             "_m",
             "max",
@@ -139,13 +167,17 @@ mod tests {
             "speed_kmh",
             "speed_max",
             "positionm",
-            "rate_deg_s",
-            "",
+            "height_mm",
         ] {
-            // `rate_deg_s` would read as a rate in seconds: see the next test.
-            if name != "rate_deg_s" {
-                assert_eq!(suffix(name), None, "{name}");
-            }
+            assert_eq!(suffix(name), None, "{name}");
         }
+    }
+
+    #[test]
+    fn a_unit_before_the_unit_is_refused() {
+        for name in ["rate_deg_s", "speed_km_s", "impulse_n_s", "rate_deg_s_max"] {
+            assert_eq!(suffix(name), None, "{name}");
+        }
+        assert_eq!(suffix("m_s"), Some("s"), "a quantity may be called m");
     }
 }

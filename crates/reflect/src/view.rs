@@ -12,8 +12,8 @@ const DEPTH_MAX: u32 = 16;
 /// Values in one body, at most.
 const VALUES_MAX: u32 = 65_536;
 
-/// A value of any message. Serialises into what JSON readers expect: maps by field name, enumerations by name, times
-/// as `{sec, nsec}`.
+/// A value of any message. Serialises into what JSON readers expect: maps by field name, enumerations by
+/// name, times as `{sec, nsec}`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     /// True or false.
@@ -97,9 +97,9 @@ impl Value {
     /// Reads a body by its schema.
     ///
     /// # Errors
-    /// A [`ViewError`] for every body that the schema's Rust type would not decode either, and for one of absurd size.
-    /// One thing is not checked here, since this is for looking, not for acting: a quaternion's length, and that floats
-    /// are finite.
+    /// A [`ViewError`] for every body that the schema's Rust type would not decode either, and for one of
+    /// absurd size. One thing is not checked here, since this is for looking, not for acting: a quaternion's
+    /// length, and that floats are finite.
     pub fn decode(schema: &'static Schema, body: &[u8]) -> Result<Self, ViewError> {
         let mut reader = Reader {
             rest: body,

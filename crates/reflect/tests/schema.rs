@@ -83,18 +83,16 @@ fn a_definition_is_written_as_rosbag_embeds_it() {
     expect![[r#"
         # A message that shows every form
         # a definition can take.
+        #
         # With a second paragraph.
 
         # When.
         time stamp
 
         # State: What a vehicle does.
-        # On the ground.
-        uint32 IDLE=0
-        # On its way up.
-        uint32 TAKING_OFF=1
-        # Motors off.
-        uint32 EMERGENCY=200
+        uint32 IDLE=0  # On the ground.
+        uint32 TAKING_OFF=1  # On its way up.
+        uint32 EMERGENCY=200  # Motors off.
         # What it does.
         # [values of State]
         uint32 state
@@ -158,10 +156,8 @@ fn a_definition_is_written_as_rosbag_embeds_it() {
         # Something with a place.
 
         # Mount: Which way up.
-        # As drawn.
-        uint8 UPRIGHT=0
-        # Turned over.
-        uint8 INVERTED=9
+        uint8 UPRIGHT=0  # As drawn.
+        uint8 INVERTED=9  # Turned over.
         # Which way up it is.
         # [values of Mount]
         uint8 mount
@@ -169,7 +165,8 @@ fn a_definition_is_written_as_rosbag_embeds_it() {
         # Where it is.
         # [unit m, frame world]
         geometry_msgs/Vector3 position_m
-    "#]].assert_eq(&Show::SCHEMA.text());
+    "#]]
+    .assert_eq(&Show::SCHEMA.text());
 }
 
 #[test]
@@ -178,21 +175,16 @@ fn several_enumerations_prefix_their_values() {
         # A message with two enumerations.
 
         # State: What a vehicle does.
-        # On the ground.
-        uint32 STATE_IDLE=0
-        # On its way up.
-        uint32 STATE_TAKING_OFF=1
-        # Motors off.
-        uint32 STATE_EMERGENCY=200
+        uint32 STATE_IDLE=0  # On the ground.
+        uint32 STATE_TAKING_OFF=1  # On its way up.
+        uint32 STATE_EMERGENCY=200  # Motors off.
         # What it does.
         # [values of State]
         uint32 state
 
         # Mount: Which way up.
-        # As drawn.
-        uint8 MOUNT_UPRIGHT=0
-        # Turned over.
-        uint8 MOUNT_INVERTED=9
+        uint8 MOUNT_UPRIGHT=0  # As drawn.
+        uint8 MOUNT_INVERTED=9  # Turned over.
         # Which way up.
         # [values of Mount]
         uint8 mount
@@ -200,7 +192,8 @@ fn several_enumerations_prefix_their_values() {
         # Which way up it was.
         # [values of Mount]
         uint8 mount_before
-    "#]].assert_eq(&Both::SCHEMA.text());
+    "#]]
+    .assert_eq(&Both::SCHEMA.text());
 }
 
 #[test]

@@ -1,12 +1,12 @@
 //! A UDP socket, read in batches with the kernel's notes.
 
 use std::io;
-use std::net::{SocketAddr, UdpSocket};
-use std::os::fd::{AsFd, OwnedFd};
+use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::os::fd::AsFd;
 use std::task::{Context, Poll};
 
 use quantity::{Span, Time};
-use socket2::{Domain, Protocol, Socket, Type};
+use socket2::Socket;
 use tokio::io::Interest;
 
 use crate::ShellError;
@@ -23,8 +23,20 @@ pub const QUEUE_AGE_MAX: Span = Span::from_millis(250);
 pub struct Datagram<'a> {
     /// When it reached this host.
     pub at: Time,
+    /// Who sent it.
+    pub from: SocketAddrV4,
     /// Its bytes.
     pub bytes: &'a [u8],
+}
+
+/// Whether a filtered socket's queue may have overflowed since it was last known not to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fill {
+    Normal,
+    /// Found more than half full.
+    Overfull,
+    /// Emptied since, but the kernel tells of drops only with the next datagram that gets through.
+    JustDrained,
 }
 
 /// A UDP socket whose datagrams are taken in batches.
@@ -35,7 +47,7 @@ pub struct DatagramSocket {
     count: usize,
     empty_at: Time,
     filtered: bool,
-    overfull: bool,
+    fill: Fill,
     dropped: u32,
     overflowed: u64,
 }
@@ -55,7 +67,7 @@ impl DatagramSocket {
             count: 0,
             empty_at: clock::now(),
             filtered,
-            overfull: false,
+            fill: Fill::Normal,
             dropped: 0,
             overflowed: 0,
         })
@@ -87,14 +99,21 @@ impl DatagramSocket {
             if taken < BATCH { Err(io::ErrorKind::WouldBlock.into()) } else { Ok(()) }
         });
         self.count = taken;
-        if taken == BATCH && self.filtered && !self.overfull {
+        if taken == BATCH && self.filtered && self.fill != Fill::Overfull {
             // Without the answer, the sequence numbers that never came still tell.
-            self.overfull = queue_fill(&self.socket).is_ok_and(|(held, allowed)| held > allowed / 2);
+            if queue_fill(&self.socket).is_ok_and(|(held, allowed)| held > allowed / 2) {
+                self.fill = Fill::Overfull;
+            }
         }
         self.note_arrivals();
         if taken < BATCH {
             self.empty_at = before;
-            self.overfull = false;
+        }
+        if 0 < taken && taken < BATCH {
+            self.fill = match self.fill {
+                Fill::Overfull => Fill::JustDrained,
+                Fill::JustDrained | Fill::Normal => Fill::Normal,
+            };
         }
         match result {
             Ok(()) => Ok(taken),
@@ -109,7 +128,7 @@ impl DatagramSocket {
     /// A datagram of the batch.
     #[must_use]
     pub fn datagram(&self, index: usize) -> Datagram<'_> {
-        Datagram { at: self.arrivals[index], bytes: self.buffers.datagram(index) }
+        Datagram { at: self.arrivals[index], from: self.buffers.peer(index), bytes: self.buffers.datagram(index) }
     }
 
     /// Whether the last batch was full: there may be more.
@@ -121,7 +140,8 @@ impl DatagramSocket {
     /// Datagrams the kernel dropped since the last call because this socket's queue was full.
     ///
     /// Exact without a filter. With one, the kernel counts what the filter refuses as dropped too (Linux,
-    /// `udp_queue_rcv_one_skb`), so its count is believed only while the queue is found more than half full.
+    /// `udp_queue_rcv_one_skb`), so its count is believed only from when the queue is found more than half full until
+    /// the first batch after it was emptied: an upper bound then. The sequence numbers that never came are exact.
     pub fn take_overflowed(&mut self) -> u64 {
         std::mem::take(&mut self.overflowed)
     }
@@ -136,7 +156,7 @@ impl DatagramSocket {
             self.arrivals[index] =
                 notes.stamp_ns.map_or(clocks.arena, |stamp| clocks.arena_time(stamp, self.empty_at));
             if let Some(dropped) = notes.dropped {
-                if !self.filtered || self.overfull {
+                if !self.filtered || self.fill != Fill::Normal {
                     self.overflowed += u64::from(dropped.wrapping_sub(self.dropped));
                 }
                 self.dropped = dropped;
@@ -145,31 +165,52 @@ impl DatagramSocket {
     }
 }
 
-/// Binds a UDP socket to this address, or connects one to it.
-pub(crate) fn open_udp(local: Option<SocketAddr>, peer: Option<SocketAddr>) -> Result<UdpSocket, ShellError> {
-    let what = || match (local, peer) {
-        (Some(local), _) => format!("listening on udp {local}"),
-        (None, Some(peer)) => format!("opening a socket to udp {peer}"),
-        (None, None) => "opening a udp socket".to_owned(),
+/// Binds a UDP socket.
+pub(crate) fn bind_udp(local: SocketAddrV4) -> Result<UdpSocket, ShellError> {
+    let bind = || {
+        let socket = UdpSocket::bind(local)?;
+        socket.set_nonblocking(true)?;
+        Ok::<_, io::Error>(socket)
     };
-    let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP)).during(what)?;
-    if let Some(local) = local {
-        socket.bind(&local.into()).during(what)?;
+    bind().during(|| format!("listening on udp {local}"))
+}
+
+/// Opens a UDP socket that sends to one address; it never waits.
+///
+/// # Errors
+/// What the system says, with the address.
+pub fn connect_udp(peer: SocketAddrV4) -> Result<UdpSocket, ShellError> {
+    let connect = || {
+        let socket = UdpSocket::bind(SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, 0))?;
+        socket.connect(peer)?;
+        socket.set_nonblocking(true)?;
+        Ok::<_, io::Error>(socket)
+    };
+    connect().during(|| format!("opening a socket to udp {peer}"))
+}
+
+/// Sends a datagram to a connected peer; one that is not listening is no error, as with any radio.
+///
+/// # Errors
+/// What the system says.
+pub fn send_udp(socket: &UdpSocket, bytes: &[u8]) -> io::Result<()> {
+    let refused = |error: &io::Error| error.kind() == io::ErrorKind::ConnectionRefused;
+    match socket.send(bytes) {
+        // The kernel reports the refusal of an earlier datagram instead of sending this one.
+        Err(error) if refused(&error) => match socket.send(bytes) {
+            Err(error) if !refused(&error) => Err(error),
+            _ => Ok(()),
+        },
+        sent => sent.map(|_| ()),
     }
-    if let Some(peer) = peer {
-        socket.connect(&peer.into()).during(what)?;
-    }
-    socket.set_nonblocking(true).during(what)?;
-    Ok(OwnedFd::from(socket).into())
 }
 
 /// Listens on a UDP address. Call within a tokio runtime.
 ///
 /// # Errors
 /// What the system says, with the address.
-pub fn listen_udp(local: SocketAddr) -> Result<DatagramSocket, ShellError> {
-    let socket = open_udp(Some(local), None)?;
-    DatagramSocket::new(socket, false).during(|| format!("listening on udp {local}"))
+pub fn listen_udp(local: SocketAddrV4) -> Result<DatagramSocket, ShellError> {
+    DatagramSocket::new(bind_udp(local)?, false).during(|| format!("listening on udp {local}"))
 }
 
 /// Asks for a receive buffer and says what was granted, in bytes of payload and bookkeeping.

@@ -4,7 +4,7 @@
 //! is handed to the cable of that port. All cables are UDP so far.
 
 use std::io;
-use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
+use std::net::{SocketAddrV4, UdpSocket};
 use std::task::{Context, Poll};
 
 use schemas::{DeviceBytes, Topic, topics};
@@ -13,7 +13,7 @@ use settings::{Arena, Ports};
 use tracing::warn;
 
 use crate::ShellError;
-use crate::datagrams::{Datagram, DatagramSocket, open_udp};
+use crate::datagrams::{Datagram, DatagramSocket, bind_udp, connect_udp, send_udp};
 use crate::error::During;
 
 /// How to reach a device.
@@ -98,8 +98,8 @@ pub(crate) fn open(endpoints: Vec<Endpoint>) -> Result<(Transmitters, Vec<Receiv
     let (mut cables, mut receivers) = (Vec::new(), Vec::new());
     for endpoint in endpoints {
         let socket = match endpoint.address {
-            Address::UdpFrom(local) => open_udp(Some(SocketAddr::V4(local)), None),
-            Address::UdpTo(peer) => open_udp(None, Some(SocketAddr::V4(peer))),
+            Address::UdpFrom(local) => bind_udp(local),
+            Address::UdpTo(peer) => connect_udp(peer),
         }?;
         let socket = match endpoint.receives {
             Some(topic) => {
@@ -131,7 +131,7 @@ impl Transmitters {
             warn!(port = message.port, "bytes for a device that is not there");
             return;
         };
-        if let Err(error) = send(socket, &message.bytes) {
+        if let Err(error) = send_udp(socket, &message.bytes) {
             // A dead radio says so once per frame: log powers of two.
             self.failed += 1;
             if self.failed.is_power_of_two() {
@@ -156,18 +156,5 @@ impl Receiver {
 
     pub(crate) fn take_overflowed(&mut self) -> u64 {
         self.socket.take_overflowed()
-    }
-}
-
-/// Sends a datagram to a connected peer; one that is not listening is no error, as with any radio.
-pub(crate) fn send(socket: &UdpSocket, bytes: &[u8]) -> io::Result<()> {
-    let refused = |error: &io::Error| error.kind() == io::ErrorKind::ConnectionRefused;
-    match socket.send(bytes) {
-        // The kernel reports the refusal of an earlier datagram instead of sending this one.
-        Err(error) if refused(&error) => match socket.send(bytes) {
-            Err(error) if !refused(&error) => Err(error),
-            _ => Ok(()),
-        },
-        sent => sent.map(|_| ()),
     }
 }

@@ -15,7 +15,7 @@ pub(crate) const SECRET_BYTES: usize = 32;
 pub enum ShellError {
     /// A setting that cannot be used.
     #[error(transparent)]
-    Config(#[from] ConfigError),
+    Config(Box<ConfigError>),
     /// The secret cannot be read. Nothing starts without one.
     #[error(
         "secret file {}: {reason}; nothing starts without a secret: `arena up` makes one, and --secret-file or \
@@ -81,6 +81,12 @@ impl ShellError {
             Self::System { .. } => 1,
             _ => 2,
         })
+    }
+}
+
+impl From<ConfigError> for ShellError {
+    fn from(error: ConfigError) -> Self {
+        Self::Config(Box::new(error))
     }
 }
 

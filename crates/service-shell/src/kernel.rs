@@ -9,6 +9,7 @@
 )]
 
 use std::io;
+use std::net::{Ipv4Addr, SocketAddrV4};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::task::{Context, Poll};
 
@@ -99,9 +100,12 @@ struct Control([u8; CONTROL_BYTES]);
 pub(crate) struct Buffers {
     bytes: Box<[u8]>,
     control: [Control; BATCH],
+    peers: [SocketAddrV4; BATCH],
     lengths: [usize; BATCH],
     control_lengths: [usize; BATCH],
 }
+
+type Headers = [libc::mmsghdr; BATCH];
 
 /// What the kernel noted on a datagram.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -118,6 +122,7 @@ impl Buffers {
             // Zeroed pages come from the kernel as they are touched: sixteen times 64 KiB cost nothing until used.
             bytes: vec![0; BATCH * DATAGRAM_BYTES_MAX].into_boxed_slice(),
             control: [Control([0; CONTROL_BYTES]); BATCH],
+            peers: [SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, 0); BATCH],
             lengths: [0; BATCH],
             control_lengths: [0; BATCH],
         }
@@ -125,21 +130,24 @@ impl Buffers {
 
     /// Takes what has come without waiting: the number of datagrams, fewer than [`BATCH`] if there are no more.
     pub(crate) fn receive(&mut self, socket: &impl AsFd) -> io::Result<usize> {
-        // SAFETY: iovec and mmsghdr are plain C structs of integers and pointers, for which all zeros are valid.
-        let (mut vectors, mut messages): ([libc::iovec; BATCH], [libc::mmsghdr; BATCH]) =
-            unsafe { (std::mem::zeroed(), std::mem::zeroed()) };
+        // SAFETY: all three are plain C structs of integers and pointers, for which all zeros are valid.
+        let (mut vectors, mut peers, mut messages): ([libc::iovec; BATCH], [libc::sockaddr_in; BATCH], Headers) =
+            unsafe { (std::mem::zeroed(), std::mem::zeroed(), std::mem::zeroed()) };
         let slots = self.bytes.chunks_exact_mut(DATAGRAM_BYTES_MAX).zip(&mut self.control);
-        for ((vector, message), (bytes, control)) in vectors.iter_mut().zip(&mut messages).zip(slots) {
+        let headers = vectors.iter_mut().zip(&mut peers).zip(&mut messages);
+        for (((vector, peer), message), (bytes, control)) in headers.zip(slots) {
             vector.iov_base = bytes.as_mut_ptr().cast();
             vector.iov_len = bytes.len();
             message.msg_hdr.msg_iov = vector;
             message.msg_hdr.msg_iovlen = 1;
+            message.msg_hdr.msg_name = (&raw mut *peer).cast();
+            message.msg_hdr.msg_namelen = size_of::<libc::sockaddr_in>() as libc::socklen_t;
             message.msg_hdr.msg_control = control.0.as_mut_ptr().cast();
             message.msg_hdr.msg_controllen = CONTROL_BYTES;
         }
-        // SAFETY: each header points at one iovec and one control buffer that belong to `self` or this frame, are
-        // disjoint, have the lengths given, and outlive the call; the descriptor is borrowed and so is open; no
-        // timeout is passed.
+        // SAFETY: each header points at one iovec, one address and one control buffer that belong to `self` or this
+        // frame, are disjoint, have the lengths given, and outlive the call; the descriptor is borrowed and so is
+        // open; no timeout is passed.
         let count = unsafe {
             libc::recvmmsg(
                 socket.as_fd().as_raw_fd(),
@@ -150,11 +158,18 @@ impl Buffers {
             )
         };
         let Ok(count) = usize::try_from(count) else { return Err(io::Error::last_os_error()) };
-        for (index, message) in messages.iter().take(count).enumerate() {
+        for (index, (message, peer)) in messages.iter().zip(&peers).take(count).enumerate() {
             self.lengths[index] = (message.msg_len as usize).min(DATAGRAM_BYTES_MAX);
             self.control_lengths[index] = message.msg_hdr.msg_controllen.min(CONTROL_BYTES);
+            let address = Ipv4Addr::from_bits(u32::from_be(peer.sin_addr.s_addr));
+            self.peers[index] = SocketAddrV4::new(address, u16::from_be(peer.sin_port));
         }
         Ok(count)
+    }
+
+    /// Who sent a datagram of the last batch.
+    pub(crate) fn peer(&self, index: usize) -> SocketAddrV4 {
+        self.peers[index]
     }
 
     /// A datagram of the last batch.

@@ -32,7 +32,7 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 use service_core::Core;
 
 pub use bus::{BusReceiver, BusSender, endpoint};
-pub use datagrams::{Datagram, DatagramSocket, QUEUE_AGE_MAX, listen_udp};
+pub use datagrams::{Datagram, DatagramSocket, QUEUE_AGE_MAX, connect_udp, listen_udp, send_udp};
 pub use devices::{Address, Endpoint, command_link, endpoints};
 pub use error::{During, ShellError};
 pub use filter::Listen;

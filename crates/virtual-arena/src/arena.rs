@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use plant::random::Random;
-use plant::{DeviceOutput, Plant};
+use plant::random::{Purpose, Stream};
+use plant::{DeviceOutput, ManeuverTruth, Plant, Truth};
+use reflect::Seq;
 use quantity::{Span, Time};
 use schemas::{DeviceBytes, PlantManeuver, PlantTruth, Topic, topics};
 use service_core::{AnyNode, Identity, Published, Publisher, Seed};
@@ -50,8 +51,9 @@ pub struct VirtualArena<'f> {
     plant: Plant,
     truth: Publisher,
     truth_at: Time,
+    maneuvers: Vec<ManeuverTruth>,
     network: NetworkFaults,
-    network_random: Random,
+    network_random: Stream,
     digest: blake3::Hasher,
     datagrams: u64,
 }
@@ -60,6 +62,8 @@ pub struct VirtualArena<'f> {
 const START: Time = Time::from_nanos(1_000_000_000);
 /// The plant asserts that its state stays finite.
 const FINITE: &str = "the truth is finite";
+/// What one message of device bytes holds at most.
+const DEVICE_BYTES_MAX: usize = 1472;
 const TRUTH_PERIOD: Span = Span::from_millis(20);
 
 impl<'f> VirtualArena<'f> {
@@ -75,13 +79,14 @@ impl<'f> VirtualArena<'f> {
     ) -> Result<Self, ConfigError> {
         // No other process sees these datagrams: the secret need only differ from one seed to the next.
         let secret = Secret::new(blake3::derive_key("flyarena virtual arena secret", &seed.to_le_bytes()));
-        let run = Random::new(seed, "run").next_u64();
+        let run = Stream::new(seed, Purpose::Run, 0).bits();
         let identity = identity("simulator", 0, run, seed);
         let mut arena = Self {
             now: START,
             settings: settings.clone(),
             truth: Publisher::new("simulator", &secret, identity),
             truth_at: START,
+            maneuvers: Vec::new(),
             secret,
             run,
             seed,
@@ -89,9 +94,12 @@ impl<'f> VirtualArena<'f> {
             seats: Vec::new(),
             subscribers: BTreeMap::new(),
             queue: Queue::default(),
-            plant: Plant::new(settings, seed, START),
+            plant: Plant::new(settings, seed, START).map_err(|error| ConfigError::Malformed {
+                file: format!("scenario {}", settings.name),
+                reason: error.to_string(),
+            })?,
             network: NetworkFaults::default(),
-            network_random: Random::new(seed, "network"),
+            network_random: Stream::new(seed, Purpose::Network, 0),
             digest: blake3::Hasher::new(),
             datagrams: 0,
         };
@@ -131,6 +139,11 @@ impl<'f> VirtualArena<'f> {
     /// The simulated world, to put faults into it.
     pub fn plant_mut(&mut self) -> &mut Plant {
         &mut self.plant
+    }
+
+    /// How the maneuvers since the last call truly went.
+    pub fn take_maneuvers(&mut self) -> Vec<ManeuverTruth> {
+        std::mem::take(&mut self.maneuvers)
     }
 
     /// The network, to make it bad.
@@ -229,7 +242,7 @@ impl<'f> VirtualArena<'f> {
         let seat = &mut self.seats[index];
         seat.starts += 1;
         let identity = identity(&seat.name, seat.starts, self.run, self.seed);
-        let mut node = (self.factory)(&seat.name, &self.settings, &self.secret, identity, self.now)?;
+        let node = (self.factory)(&seat.name, &self.settings, &self.secret, identity, self.now)?;
         let own_name = seat.name.clone();
         for topic in node.topics_in() {
             let list = self.subscribers.entry(topic.hash).or_default();
@@ -279,7 +292,10 @@ impl<'f> VirtualArena<'f> {
                 plant::Device::Vicon => (&topics::VICON_RX, "vicon-bridge", Ports::VICON),
                 plant::Device::DataLink => (&topics::RADIO_RX, "radio-bridge", Ports::DATA_LINK),
             };
-            outputs.push((topic, bridge, DeviceBytes { port, at: output.at, bytes: output.bytes.into() }));
+            for piece in output.bytes.chunks(DEVICE_BYTES_MAX) {
+                let bytes = Seq::try_from(piece).unwrap_or_default();
+                outputs.push((topic, bridge, DeviceBytes { port, at: output.at, bytes }));
+            }
         });
         self.publish_truth(observe);
         for (topic, bridge, bytes) in outputs {
@@ -293,15 +309,16 @@ impl<'f> VirtualArena<'f> {
     fn publish_truth(&mut self, observe: &mut dyn FnMut(Heard<'_>)) {
         let now = self.now;
         let mut sent: Vec<Vec<u8>> = Vec::new();
-        let Self { truth, digest, datagrams, plant, truth_at, settings, .. } = self;
+        let Self { truth, digest, datagrams, plant, truth_at, settings, maneuvers, .. } = self;
         let mut sink = |published: Published<'_>| {
             note(digest, datagrams, now, published.datagram);
             observe(Heard { at: now, from: "simulator", published });
             sent.push(published.datagram.to_vec());
         };
-        for maneuver in plant.take_maneuver_truths() {
+        for maneuver in plant.maneuver_truths() {
             let message = maneuver_message(&maneuver);
             truth.publish(now, &topics::PLANT_MANEUVER, &message, &mut sink).expect(FINITE);
+            maneuvers.push(maneuver);
         }
         if now >= *truth_at {
             *truth_at = now + TRUTH_PERIOD;
@@ -370,7 +387,7 @@ fn route(
     subscribers: &BTreeMap<u32, Vec<usize>>,
     queue: &mut Queue,
     network: &NetworkFaults,
-    random: &mut Random,
+    random: &mut Stream,
     now: Time,
     from: &str,
     published: &Published<'_>,
@@ -386,7 +403,7 @@ fn deliver(
     subscribers: &BTreeMap<u32, Vec<usize>>,
     queue: &mut Queue,
     network: &NetworkFaults,
-    random: &mut Random,
+    random: &mut Stream,
     now: Time,
     from: &str,
     hash: u32,
@@ -407,11 +424,11 @@ fn identity(name: &str, starts: u32, run: u64, seed: u64) -> Identity {
         incarnation: starts,
         domain: Domain::Sim,
         run,
-        seed: Seed(Random::new(seed, name).next_u64()),
+        seed: Seed(Stream::new(seed ^ u64::from(schemas::topic_hash(name)), Purpose::Node, 0).bits()),
     }
 }
 
-fn maneuver_message(truth: &plant::ManeuverTruth) -> PlantManeuver {
+fn maneuver_message(truth: &ManeuverTruth) -> PlantManeuver {
     PlantManeuver {
         vehicle: truth.vehicle,
         maneuver_id: truth.maneuver_id,
@@ -427,15 +444,15 @@ fn maneuver_message(truth: &plant::ManeuverTruth) -> PlantManeuver {
     }
 }
 
-fn truth_message(vehicle: u8, at: Time, state: &plant::VehicleTruth) -> PlantTruth {
+fn truth_message(vehicle: u8, at: Time, state: &Truth) -> PlantTruth {
     PlantTruth {
         vehicle,
         at,
         truth: schemas::Kinematics {
-            position_m: state.position_m,
-            velocity_m_s: state.velocity_m_s,
-            orientation: state.orientation,
-            rate_rad_s: state.rate_rad_s,
+            position_m: state.motion.position_m,
+            velocity_m_s: state.motion.velocity_m_s,
+            orientation: state.motion.orientation,
+            rate_rad_s: state.motion.rate_rad_s,
         },
         battery_ratio: state.battery_ratio,
     }

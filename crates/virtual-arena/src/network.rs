@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::rc::Rc;
 
-use plant::random::Random;
+use plant::random::Stream;
 use quantity::Span;
 
 /// What the network does to datagrams. The default is a quiet loopback: a short delay that varies a little.
@@ -49,7 +49,7 @@ impl NetworkFaults {
         from: &str,
         to: &str,
         bytes: &Rc<[u8]>,
-        random: &mut Random,
+        random: &mut Stream,
         mut deliver: impl FnMut(Span, Rc<[u8]>),
     ) {
         let mut delay = self.delay + Span::from_nanos((self.jitter.as_nanos() as f64 * random.uniform()) as i64);

@@ -10,7 +10,8 @@ use crate::{Domain, Kind};
 /// Bytes of the tag at a datagram's end: the first 128 bits of keyed BLAKE3 over everything before it.
 pub const TAG_BYTES: usize = 16;
 
-/// Separates these keys from any other use of the same secret. Never changes while the format's version stands.
+/// Separates these keys from any other use of the same secret. Never changes while the format's version
+/// stands.
 const DERIVATION_CONTEXT: &str = "flyarena datagram authentication v1";
 
 /// The arena's secret, from which all keys are derived. It is never printed, and goes from file to keys only.
@@ -58,8 +59,8 @@ impl Role {
     /// What every node may say: events, health, schemas and journals.
     pub const NODE: Self = Self("node");
 
-    /// The role that signs datagrams of this kind on a topic with this writer in the topic table, where `*` stands for
-    /// every node.
+    /// The role that signs datagrams of this kind on a topic with this writer in the topic table, where `*`
+    /// stands for every node.
     #[must_use]
     pub fn of(kind: Kind, writer: &'static str) -> Self {
         match kind {
@@ -173,8 +174,8 @@ impl fmt::Debug for VerifyKey {
     }
 }
 
-/// The keys of one node: to sign in its own role, to verify the roles it listens to, and no others. A console, a logger
-/// or a learner that holds only this cannot forge a command.
+/// The keys of one node: to sign in its own role, to verify the roles it listens to, and no others. A
+/// console, a logger or a learner that holds only this cannot forge a command.
 #[derive(Clone, Debug)]
 pub struct Keyring {
     own: SigningKey,
@@ -183,7 +184,8 @@ pub struct Keyring {
 }
 
 impl Keyring {
-    /// The keys of a node that writes as `own` and reads what `reads` write; [`Role::NODE`] is always among these.
+    /// The keys of a node that writes as `own` and reads what `reads` write; [`Role::NODE`] is always among
+    /// these.
     #[must_use]
     pub fn new(
         secret: &Secret,

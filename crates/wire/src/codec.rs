@@ -52,7 +52,8 @@ pub enum DecodeError {
         /// The datagram's schema id.
         found: u64,
     },
-    /// Bytes that do not read as the message: too few, a value outside its set or bound, text that is not UTF-8.
+    /// Bytes that do not read as the message: too few, a value outside its set or bound, text that is not
+    /// UTF-8.
     #[error("{length} bytes do not read as {message}")]
     Unreadable {
         /// The message's published name.

@@ -106,9 +106,9 @@ impl<'a> Unverified<'a> {
     /// Checks the tag, then domain and run.
     ///
     /// # Errors
-    /// [`DropReason::Domain`] or [`DropReason::Run`] where the header claims another domain or run than the key's: the
-    /// tag of such a datagram cannot hold, and that is why. [`DropReason::Unauthentic`] for every other tag that does
-    /// not hold.
+    /// [`DropReason::Domain`] or [`DropReason::Run`] where the header claims another domain or run than the
+    /// key's: the tag of such a datagram cannot hold, and that is why. [`DropReason::Unauthentic`] for every
+    /// other tag that does not hold.
     pub fn verify(self, key: &VerifyKey) -> Result<Authentic<'a>, DropReason> {
         let (signed, tag) = self.datagram.split_last_chunk().ok_or(DropReason::Malformed)?;
         let holds = key.holds(signed, tag);
@@ -180,7 +180,8 @@ impl<'a> Fresh<'a> {
         self.0.body
     }
 
-    /// Decodes the body as `M`, whose schema id is `schema_id`: the caller keeps it, since it takes a text to compute.
+    /// Decodes the body as `M`, whose schema id is `schema_id`: the caller keeps it, since it takes a text to
+    /// compute.
     ///
     /// # Errors
     /// [`DecodeError`] for another schema id, or a body that is not exactly one such message.

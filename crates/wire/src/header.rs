@@ -45,7 +45,8 @@ impl Kind {
     }
 }
 
-/// Where the truth in a message comes from. Part of every key: a node of one domain cannot verify another's messages.
+/// Where the truth in a message comes from. Part of every key: a node of one domain cannot verify another's
+/// messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Domain {

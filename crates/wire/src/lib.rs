@@ -1,9 +1,9 @@
 //! The datagram: header, body codec, authentication, sequence window. README.md is the one-page format.
 //!
-//! Sending is [`encode`], then [`seal`]. Receiving is a chain in which each step gives the next only to those who passed
-//! it: [`open`] looks at lengths, magic and version; [`Unverified::verify`] at the tag, then at domain and run;
-//! [`Authentic::fresh`] at the sequence window; [`Fresh::decode`] at schema and body. Nothing allocates before the tag
-//! holds. Whatever fails says why, as a [`DropReason`] for [`Counters`] to count.
+//! Sending is [`encode`], then [`seal`]. Receiving is a chain in which each step gives the next only to those
+//! who passed it: [`open`] looks at lengths, magic and version; [`Unverified::verify`] at the tag, then at
+//! domain and run; [`Authentic::fresh`] at the sequence window; [`Fresh::decode`] at schema and body. Nothing
+//! allocates before the tag holds. Whatever fails says why, as a [`DropReason`] for [`Counters`] to count.
 
 mod auth;
 mod codec;

@@ -7,8 +7,8 @@ use crate::Kind;
 /// How far behind the newest sequence number one may arrive and still be told from a replay.
 pub const WINDOW_BITS: u64 = 1024;
 
-/// Streams remembered at most. Only authentic datagrams make one, and an arena has some hundreds; the limit is there
-/// because nothing that a network feeds may grow without one.
+/// Streams remembered at most. Only authentic datagrams make one, and an arena has some hundreds; the limit
+/// is there because nothing that a network feeds may grow without one.
 const WINDOWS_MAX: usize = 8192;
 
 const WORDS: usize = (WINDOW_BITS / 64) as usize;
@@ -47,7 +47,8 @@ pub struct SequenceCounts {
 #[derive(Clone, Debug)]
 pub struct Window {
     incarnation: u32,
-    /// The first number of this incarnation that came: what was before it may have been sent before we listened.
+    /// The first number of this incarnation that came: what was before it may have been sent before we
+    /// listened.
     first: u64,
     highest: u64,
     /// Bit `s % 1024` says whether `s` was seen, for the 1024 numbers up to the highest.
@@ -146,8 +147,9 @@ const fn bit(sequence: u64) -> u64 {
     1 << (sequence % 64)
 }
 
-/// Whose sequence numbers they are: source, topic hash and kind. The kind is part of it because schemas and journals
-/// are signed with a key that every node holds, and must not move the window of another node's commands.
+/// Whose sequence numbers they are: source, topic hash and kind. The kind is part of it because schemas and
+/// journals are signed with a key that every node holds, and must not move the window of another node's
+/// commands.
 pub type Stream = (u32, u32, Kind);
 
 /// The windows of everything a node listens to.
@@ -218,11 +220,14 @@ mod tests {
         }
     }
 
+    fn steps() -> impl Strategy<Value = i64> {
+        prop_oneof![-40..40_i64, -1100..1100_i64, -5000..5000_i64]
+    }
+
     proptest! {
         #[test]
         fn decides_as_one_who_remembers_everything(
-            first in 0..5000_u64,
-            steps in prop::collection::vec(prop_oneof![-40..40_i64, -1100..1100_i64, -5000..5000_i64], 1..400),
+            first in 0..5000_u64, steps in prop::collection::vec(steps(), 1..400),
         ) {
             let mut window = Window::new(1, first);
             let mut memory = Memory { seen: BTreeSet::from([first]) };

@@ -256,8 +256,9 @@ proptest! {
         prop_assert_eq!(Value::decode(Everything::SCHEMA, &encoded(&message)), Ok(view(&message)));
     }
 
-    /// Two independent readers of the format agree on what is a body of this type. The one thing the dynamic reader
-    /// lets pass is what only arithmetic minds: floats that are not finite, quaternions not of unit length.
+    /// Two independent readers of the format agree on what is a body of this type. The one thing the dynamic
+    /// reader lets pass is what only arithmetic minds: floats that are not finite, quaternions not of unit
+    /// length.
     #[test]
     fn both_readers_agree_on_damaged_bodies(
         message in everything(), at in any::<prop::sample::Index>(), byte in any::<u8>(), cut in 0..3_usize,

@@ -73,7 +73,8 @@ fn golden_datagram() {
         03 00 00 00 00 00 00 00 2a 00 00 00 00 00 00 00
         07 ca 9a 3b 00 00 00 00 76 65 68 69 63 6c 65 2f
         63 6f 6d 6d 61 6e 64 62 6f 64 79 cf 3e 53 3d c7
-        eb af f1 76 e1 3d ca 9b 1e 9b 92"#]].assert_eq(&hex(&datagram));
+        eb af f1 76 e1 3d ca 9b 1e 9b 92"#]]
+    .assert_eq(&hex(&datagram));
     assert_eq!(
         receive(&datagram, &verify_key()),
         Ok((header(), b"body".to_vec()))

@@ -21,6 +21,7 @@ pub(crate) enum Drive {
 
 #[derive(Clone, Copy, Debug)]
 struct Entry {
+    sent_at: Time,
     effective_at: Time,
     drive: Drive,
 }
@@ -52,7 +53,7 @@ const SLOT_PERIOD_MIN: Span = Span::from_millis(1);
 impl Commands {
     /// No command yet; each will be flown for at most `hold`.
     pub fn new(hold: Span) -> Self {
-        let never = Entry { effective_at: Time::ZERO, drive: Drive::Silent };
+        let never = Entry { sent_at: Time::ZERO, effective_at: Time::ZERO, drive: Drive::Silent };
         Self { entries: [never; CAPACITY], len: 0, hold, slot: None }
     }
 
@@ -62,7 +63,7 @@ impl Commands {
             && sent.collective_m_s2.is_finite()
             && sent.rate_rad_s.is_finite()
             && sent.next_slot_at > sent.sent_at;
-        if !usable {
+        if !usable || self.used().last().is_some_and(|last| sent.sent_at <= last.sent_at) {
             return;
         }
         let link_delay = Span::from_secs_f64(sent.link_delay_s.clamp(0.0, 0.2));
@@ -75,9 +76,10 @@ impl Commands {
             CommandMode::Disarmed => Drive::Off,
             CommandMode::Descend => Drive::Silent,
         };
-        let entry = Entry { effective_at: sent.sent_at + link_delay, drive };
-        if self.used().last().is_some_and(|last| entry.effective_at <= last.effective_at) {
-            return;
+        let entry = Entry { sent_at: sent.sent_at, effective_at: sent.sent_at + link_delay, drive };
+        // A newly measured, shorter delay: what is sent later still takes effect later.
+        while self.used().last().is_some_and(|last| last.effective_at >= entry.effective_at) {
+            self.len -= 1;
         }
         if self.len == CAPACITY {
             self.entries.copy_within(1.., 0);
@@ -184,6 +186,15 @@ mod tests {
         commands.sent(&CommandSent { link_delay_s: f64::INFINITY, ..sent(120, 9.0) });
         commands.sent(&CommandSent { next_slot_at: ms(110), ..sent(120, 9.0) });
         assert_eq!(collective(&commands, 150), Some(1.0));
+    }
+
+    #[test]
+    fn a_shorter_delay_puts_the_newer_command_first() {
+        let mut commands = Commands::new(Span::from_millis(100));
+        commands.sent(&CommandSent { link_delay_s: 0.05, ..sent(100, 1.0) });
+        commands.sent(&sent(120, 2.0));
+        assert_eq!(collective(&commands, 138), Some(2.0));
+        assert_eq!(collective(&commands, 151), Some(2.0));
     }
 
     #[test]

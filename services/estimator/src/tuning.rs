@@ -76,6 +76,8 @@ pub struct NoiseTuning {
     pub angular_disturbance_time_s: f64,
     /// Unexplained change of body rate in one second, as a random walk.
     pub rate_walk_rad_s: f64,
+    /// Scale of the vehicle's gyros: true rate by rate held, less one.
+    pub rate_scale_ratio: f64,
     /// Acceleration in a maneuver.
     pub ballistic_acceleration_m_s2: f64,
     /// Angular acceleration in a maneuver.
@@ -122,8 +124,6 @@ pub struct GateTuning {
     pub reacquire_rad_s: f64,
     /// No pose of one vehicle lies so close to another tracked vehicle: that is a swap of markers.
     pub neighbour_m: f64,
-    /// So many bit-identical poses in a row, in flight, are a frozen stream.
-    pub frozen_frames: u16,
     /// Poses further than this outside the hall are refused.
     pub hall_margin_m: f64,
 }
@@ -184,9 +184,10 @@ impl Default for NoiseTuning {
             disturbance_m_s2: 0.1,
             disturbance_time_s: 1.0,
             velocity_walk_m_s: 0.01,
-            angular_disturbance_rad_s2: 2.0,
+            angular_disturbance_rad_s2: 1.0,
             angular_disturbance_time_s: 0.05,
-            rate_walk_rad_s: 0.1,
+            rate_walk_rad_s: 0.05,
+            rate_scale_ratio: 0.05,
             ballistic_acceleration_m_s2: 30.0,
             ballistic_angular_rad_s2: 200.0,
             ballistic_time_s: 0.1,
@@ -214,7 +215,6 @@ impl Default for GateTuning {
             reacquire_rad: 0.6,
             reacquire_rad_s: 0.1,
             neighbour_m: 0.25,
-            frozen_frames: 5,
             hall_margin_m: 1.0,
         }
     }
@@ -254,6 +254,7 @@ impl Tuning {
             ("noise.angular_disturbance_rad_s2", noise.angular_disturbance_rad_s2, 1e-6, 1000.0),
             ("noise.angular_disturbance_time_s", noise.angular_disturbance_time_s, 0.01, 100.0),
             ("noise.rate_walk_rad_s", noise.rate_walk_rad_s, 0.0, 100.0),
+            ("noise.rate_scale_ratio", noise.rate_scale_ratio, 0.0, 1.0),
             ("noise.ballistic_acceleration_m_s2", noise.ballistic_acceleration_m_s2, 1e-3, 1000.0),
             ("noise.ballistic_angular_rad_s2", noise.ballistic_angular_rad_s2, 1e-3, 10_000.0),
             ("noise.ballistic_time_s", noise.ballistic_time_s, 0.01, 10.0),
@@ -274,7 +275,6 @@ impl Tuning {
             ("gate.reacquire_rad", gate.reacquire_rad, 0.0, 3.2),
             ("gate.reacquire_rad_s", gate.reacquire_rad_s, 0.0, 100.0),
             ("gate.neighbour_m", gate.neighbour_m, 0.0, 10.0),
-            ("gate.frozen_frames", f64::from(gate.frozen_frames), 1.0, 1000.0),
             ("gate.hall_margin_m", gate.hall_margin_m, 0.0, 100.0),
             ("model.floor_height_m", model.floor_height_m, 0.0, 1.0),
             ("model.learning_height_m", model.learning_height_m, 0.0, 10.0),

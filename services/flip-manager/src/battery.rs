@@ -22,7 +22,9 @@ impl Load {
         match mode {
             FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped => Self::None,
             FlightMode::Flying if hovers => Self::Hover,
-            FlightMode::Flying | FlightMode::Maneuver | FlightMode::LevelHold | FlightMode::Descend => Self::Other,
+            FlightMode::Flying | FlightMode::Maneuver | FlightMode::LevelHold | FlightMode::Descend => {
+                Self::Other
+            }
         }
     }
 }
@@ -65,7 +67,10 @@ mod tests {
 
     #[test]
     fn a_hover_is_compensated_and_other_loads_are_not_believed() {
-        let tuning = BatteryTuning { hover_sag_v: 0.3, smoothing_s: 1.0 };
+        let tuning = BatteryTuning {
+            hover_sag_v: 0.3,
+            smoothing_s: 1.0,
+        };
         let at = |millis| Time::ZERO + Span::from_millis(millis);
         let mut rest = RestVoltage::default();
         rest.take(at(0), 9.0, Load::Other, &tuning);
@@ -78,6 +83,6 @@ mod tests {
         rest.take(at(10_000), 9.0, Load::Other, &tuning);
         assert!((rest.volts().unwrap() - 12.0).abs() < 1e-9);
         rest.take(at(11_000), 10.7, Load::Hover, &tuning);
-        assert!((rest.volts().unwrap() - (11.0 + (-1.05f64).exp())).abs() < 1e-6);
+        assert!((rest.volts().unwrap() - (11.0 + math::exp(-1.05))).abs() < 1e-6);
     }
 }

@@ -50,21 +50,22 @@ pub(crate) fn flip_error(
     })
 }
 
-/// A position this far off may still be noise and what the fit cannot follow.
-const POSITION_NOISE_M_MAX: f64 = 0.02;
-/// Likewise a pitch.
-const PITCH_NOISE_RAD_MAX: f64 = 0.15;
-
 /// Position and velocity at an instant.
 fn position_and_velocity(
     poses: &Poses,
     at: Time,
     tuning: &MeasureTuning,
 ) -> Option<(Vector<World>, Vector<World>)> {
-    let positions = around(poses, at, tuning.position_window_s, POSITION_NOISE_M_MAX, |pose| {
-        let p = pose.position_m;
-        SVector::from([p.x, p.y, p.z])
-    });
+    let positions = around(
+        poses,
+        at,
+        tuning.position_window_s,
+        tuning.position_error_m_max,
+        |pose| {
+            let p = pose.position_m;
+            SVector::from([p.x, p.y, p.z])
+        },
+    );
     let fit = Kinked::fit(positions, tuning.poses_min)?;
     let [value, slope] = [fit.value, fit.slope_1_s].map(|v| Vector::new(v[0], v[1], v[2]));
     Some((value, slope))
@@ -90,14 +91,20 @@ fn pitch_rad(poses: &Poses, at: Time, forward: Vector<World>, tuning: &MeasureTu
     };
     let window = Span::from_secs_f64(tuning.attitude_window_s);
     // Fitted as the difference from their mean direction: an angle near the cut at π must not jump.
-    let (sin, cos) = poses.between(at - window, at + window).fold((0.0, 0.0), |(sin_sum, cos_sum), pose| {
-        let (sin, cos) = math::sin_cos(pitch(pose));
-        (sin_sum + sin, cos_sum + cos)
-    });
+    let (sin, cos) = poses
+        .between(at - window, at + window)
+        .fold((0.0, 0.0), |(sin_sum, cos_sum), pose| {
+            let (sin, cos) = math::sin_cos(pitch(pose));
+            (sin_sum + sin, cos_sum + cos)
+        });
     let reference = math::atan2(sin, cos);
-    let pitches = around(poses, at, tuning.attitude_window_s, PITCH_NOISE_RAD_MAX, |pose| {
-        SVector::from([math::wrap_pi(pitch(pose) - reference)])
-    });
+    let pitches = around(
+        poses,
+        at,
+        tuning.attitude_window_s,
+        tuning.attitude_error_rad_max,
+        |pose| SVector::from([math::wrap_pi(pitch(pose) - reference)]),
+    );
     let fit = Kinked::fit(pitches, tuning.poses_min)?;
     Some(math::wrap_pi(reference + fit.value[0]))
 }
@@ -112,8 +119,8 @@ struct Sample<const D: usize> {
 /// The measurements within a window on either side of an instant.
 struct Around<const D: usize> {
     window_s: f64,
-    /// A measurement no further off than this is noise, whatever the others are.
-    noise_max: f64,
+    /// A measurement further off than this is wrong.
+    off_max: f64,
     samples: Vec<Sample<D>>,
 }
 
@@ -121,15 +128,22 @@ fn around<const D: usize>(
     poses: &Poses,
     at: Time,
     window_s: f64,
-    noise_max: f64,
+    off_max: f64,
     read: impl Fn(&Pose) -> SVector<f64, D>,
 ) -> Around<D> {
     let window = Span::from_secs_f64(window_s);
     let samples = poses
         .between(at - window, at + window)
-        .map(|pose| Sample { time: (pose.at - at).as_secs_f64() / window_s, value: read(pose) })
+        .map(|pose| Sample {
+            time: (pose.at - at).as_secs_f64() / window_s,
+            value: read(pose),
+        })
         .collect();
-    Around { window_s, noise_max, samples }
+    Around {
+        window_s,
+        off_max,
+        samples,
+    }
 }
 
 /// Value and slope at the instant of a least-squares cubic whose third derivative may jump there.
@@ -160,8 +174,6 @@ impl<const D: usize> Kinked<D> {
 
 /// So many wrong measurements are left out.
 const WRONG_MAX: usize = 3;
-/// A measurement so many times as far off as the median one is wrong.
-const WRONG_RATIO: f64 = 8.0;
 
 fn basis(time: f64) -> SVector<f64, 5> {
     let cube = time * time * time;
@@ -184,29 +196,38 @@ impl<const D: usize> LeastSquares<D> {
             let row = basis(sample.time);
             normal += row * row.transpose();
             right += row * sample.value.transpose();
-            if sample.time <= 0.0 { before += 1 } else { after += 1 }
+            if sample.time <= 0.0 {
+                before += 1
+            } else {
+                after += 1
+            }
         }
         if before < each_side_min || after < each_side_min {
             return None;
         }
         let covariance = normal.cholesky()?.inverse();
-        Some(Self { coefficients: covariance * right, covariance })
+        Some(Self {
+            coefficients: covariance * right,
+            covariance,
+        })
     }
 
     /// The measurement furthest from what the others make of it, if that is too far.
     fn contradicted(&self, around: &Around<D>) -> Option<usize> {
-        // How far off it would be from a fit without it: a far-off measurement draws the fit to itself.
+        // Divided so, the residual of a single wrong measurement is the greatest, however it draws the fit to itself.
         let off = |sample: &Sample<D>| {
             let row = basis(sample.time);
             let residual = sample.value - self.coefficients.transpose() * row;
             let leverage = row.dot(&(self.covariance * row));
-            math::sqrt(residual.norm_squared()) / (1.0 - leverage).max(1e-6)
+            math::sqrt(residual.norm_squared() / (1.0 - leverage).max(1e-6))
         };
-        let mut sorted: Vec<f64> = around.samples.iter().map(off).collect();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let limit = (WRONG_RATIO * sorted[sorted.len() / 2]).max(around.noise_max);
-        let worst = around.samples.iter().map(off).enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
-        (worst.1 > limit).then_some(worst.0)
+        let worst = around
+            .samples
+            .iter()
+            .map(off)
+            .enumerate()
+            .max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        (worst.1 > around.off_max).then_some(worst.0)
     }
 }
 

@@ -2,11 +2,12 @@
 //! parameters, starts the flip, watches it, measures how it ended, and tells the learner.
 //!
 //! A vehicle flies its flip by itself, from parameters in its own store. What this service owes it is *when*: the
-//! [`gate`] says whether a flip may begin, [`phases`] is the course of the work, [`watch`] ends a flip that goes
-//! wrong, and [`end_state`] recovers how far from its start a flip ended (Lupashin 2010, section V-B).
+//! `gate` says whether a flip may begin, `phases` and `flip` are the course of the work, `watch` ends a flip that goes
+//! wrong, and `end_state` recovers how far from its start a flip ended (Lupashin 2010, section V-B).
 
 mod battery;
 mod end_state;
+mod flip;
 mod gate;
 mod goals;
 mod order;
@@ -128,12 +129,16 @@ impl FlipManager {
             }
             Input::State(state) => {
                 if let Some(vehicle) = self.vehicle(state.vehicle) {
-                    vehicle.hear_state(state);
+                    vehicle.hear_state(now, state);
                 }
             }
             Input::Telemetry(report) => {
-                if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == report.vehicle) {
-                    vehicle.hear_telemetry(report, &self.tuning);
+                if let Some(vehicle) = self
+                    .vehicles
+                    .iter_mut()
+                    .find(|vehicle| vehicle.id == report.vehicle)
+                {
+                    vehicle.hear_telemetry(now, report, &self.tuning);
                 }
             }
             Input::Parameters(parameters) => {
@@ -159,7 +164,9 @@ impl FlipManager {
         self.next_tick_at += period * (1 + late.as_nanos() / period.as_nanos());
         let context = Context {
             now,
-            wanted: self.order.wanted(now, Span::from_secs_f64(self.tuning.timing.order_timeout_s)),
+            wanted: self
+                .order
+                .wanted(now, Span::from_secs_f64(self.tuning.timing.order_timeout_s)),
             started_at: self.started_at,
             hall: &self.hall,
             tuning: &self.tuning,
@@ -176,12 +183,16 @@ impl FlipManager {
 
 /// Horizontal distance from a vehicle to the nearest other; zero where one flies unseen.
 fn nearest_m(vehicles: &[Vehicle], index: usize, context: &Context) -> f64 {
-    let Some(own) = vehicles[index].last_valid else { return f64::INFINITY };
+    let Some(own) = vehicles[index].last_valid else {
+        return f64::INFINITY;
+    };
     let others = vehicles.iter().enumerate().filter(|(other, _)| *other != index);
-    others.fold(f64::INFINITY, |nearest_m, (_, other)| match other.whereabouts(context.now, context.tuning) {
-        Ok(None) => nearest_m,
-        Ok(Some(position_m)) => nearest_m.min((position_m - own.estimate.position_m).horizontal().norm()),
-        Err(vehicle::Unseen) => 0.0,
+    others.fold(f64::INFINITY, |nearest_m, (_, other)| {
+        match other.whereabouts(context.now, context.tuning) {
+            Ok(None) => nearest_m,
+            Ok(Some(position_m)) => nearest_m.min((position_m - own.estimate.position_m).horizontal().norm()),
+            Err(vehicle::Unseen) => 0.0,
+        }
     })
 }
 
@@ -197,7 +208,7 @@ impl Vehicle {
         }
         self.spoke = Some((context.now, phase));
         // A vehicle found in the air after a restart keeps what it is doing until the order is known.
-        if !(self.phase == Phase::Idle && self.is_airborne(context.now, context.tuning)) {
+        if !(self.phase == Phase::Idle && self.is_high() && !self.is_down(context.now, context.tuning)) {
             out.publish(self.goals.of(phase));
         }
         let at_work = self.attempt.as_ref().map(|attempt| attempt.parameters.iteration);

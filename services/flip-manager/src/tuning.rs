@@ -159,6 +159,10 @@ pub struct MeasureTuning {
     pub position_window_s: f64,
     /// Attitudes this far on either side of an instant are fitted.
     pub attitude_window_s: f64,
+    /// A position further off the fit is a wrong one and left out.
+    pub position_error_m_max: f64,
+    /// Likewise a pitch.
+    pub attitude_error_rad_max: f64,
     /// Least number of poses on each side of an instant.
     pub poses_min: u32,
     /// Poses are kept for this long.
@@ -174,8 +178,10 @@ pub struct MeasureTuning {
 impl Default for MeasureTuning {
     fn default() -> Self {
         Self {
-            position_window_s: 0.04,
-            attitude_window_s: 0.02,
+            position_window_s: 0.06,
+            attitude_window_s: 0.04,
+            position_error_m_max: 0.02,
+            attitude_error_rad_max: 0.15,
             poses_min: 3,
             history_s: 6.0,
             wait_s_max: 0.4,
@@ -197,7 +203,10 @@ pub struct BatteryTuning {
 
 impl Default for BatteryTuning {
     fn default() -> Self {
-        Self { hover_sag_v: 0.3, smoothing_s: 1.0 }
+        Self {
+            hover_sag_v: 0.3,
+            smoothing_s: 1.0,
+        }
     }
 }
 
@@ -207,7 +216,13 @@ impl Tuning {
     /// # Errors
     /// The first number outside its range.
     pub(crate) fn check(&self) -> Result<(), ConfigError> {
-        let Self { gate, timing, watch, measure, battery } = self;
+        let Self {
+            gate,
+            timing,
+            watch,
+            measure,
+            battery,
+        } = self;
         for (key, value, min, max) in [
             ("gate.place_m_max", gate.place_m_max, 0.01, 1.0),
             ("gate.speed_m_s_max", gate.speed_m_s_max, 0.01, 1.0),
@@ -227,7 +242,12 @@ impl Tuning {
             ("timing.result_repeat_s", timing.result_repeat_s, 0.05, 60.0),
             ("timing.order_timeout_s", timing.order_timeout_s, 0.5, 60.0),
             ("timing.upload_repeat_s", timing.upload_repeat_s, 0.05, 60.0),
-            ("timing.upload_attempts_max", f64::from(timing.upload_attempts_max), 1.0, 1000.0),
+            (
+                "timing.upload_attempts_max",
+                f64::from(timing.upload_attempts_max),
+                1.0,
+                1000.0,
+            ),
             ("timing.start_repeat_s", timing.start_repeat_s, 0.01, 1.0),
             ("timing.start_validity_s", timing.start_validity_s, 0.02, 1.0),
             ("timing.start_s_max", timing.start_s_max, 0.02, 5.0),
@@ -237,16 +257,58 @@ impl Tuning {
             ("watch.height_m_min", watch.height_m_min, 0.2, 100.0),
             ("watch.wall_m_min", watch.wall_m_min, 0.0, 50.0),
             ("watch.blind_s_max", watch.blind_s_max, 0.02, 5.0),
-            ("watch.recovered_place_m_max", watch.recovered_place_m_max, gate.place_m_max, 10.0),
-            ("watch.recovered_speed_m_s_max", watch.recovered_speed_m_s_max, gate.speed_m_s_max, 5.0),
-            ("watch.recovered_tilt_rad_max", watch.recovered_tilt_rad_max, gate.tilt_rad_max, 1.5),
+            (
+                "watch.recovered_place_m_max",
+                watch.recovered_place_m_max,
+                gate.place_m_max,
+                10.0,
+            ),
+            (
+                "watch.recovered_speed_m_s_max",
+                watch.recovered_speed_m_s_max,
+                gate.speed_m_s_max,
+                5.0,
+            ),
+            (
+                "watch.recovered_tilt_rad_max",
+                watch.recovered_tilt_rad_max,
+                gate.tilt_rad_max,
+                1.5,
+            ),
             ("measure.position_window_s", measure.position_window_s, 0.01, 0.5),
             ("measure.attitude_window_s", measure.attitude_window_s, 0.01, 0.5),
+            (
+                "measure.position_error_m_max",
+                measure.position_error_m_max,
+                0.001,
+                1.0,
+            ),
+            (
+                "measure.attitude_error_rad_max",
+                measure.attitude_error_rad_max,
+                0.01,
+                1.0,
+            ),
             ("measure.poses_min", f64::from(measure.poses_min), 3.0, 100.0),
             ("measure.history_s", measure.history_s, 3.0, 60.0),
-            ("measure.wait_s_max", measure.wait_s_max, measure.position_window_s, 5.0),
-            ("measure.duration_error_s_max", measure.duration_error_s_max, 0.001, 1.0),
-            ("measure.clock_uncertainty_s_max", measure.clock_uncertainty_s_max, 0.001, 1.0),
+            (
+                "measure.wait_s_max",
+                measure.wait_s_max,
+                measure.position_window_s,
+                5.0,
+            ),
+            (
+                "measure.duration_error_s_max",
+                measure.duration_error_s_max,
+                0.001,
+                1.0,
+            ),
+            (
+                "measure.clock_uncertainty_s_max",
+                measure.clock_uncertainty_s_max,
+                0.001,
+                1.0,
+            ),
             ("battery.hover_sag_v", battery.hover_sag_v, 0.0, 10.0),
             ("battery.smoothing_s", battery.smoothing_s, 0.01, 100.0),
         ] {

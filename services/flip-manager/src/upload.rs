@@ -2,6 +2,9 @@
 
 use schemas::{ManeuverParameters, ManeuverUpload};
 
+/// No flip lasts longer: a guard against numbers that are none.
+const DURATION_S_MAX: f64 = 10.0;
+
 /// The learner's parameters in the link's precision, with their digest; `None` where they are no flip at all.
 ///
 /// Whether they are a *safe* flip is the learner's check before, and the vehicle's own after.
@@ -20,11 +23,22 @@ pub(crate) fn upload(parameters: &ManeuverParameters, set_id: u16) -> Option<Man
         f64::from(parameters.flips),
     ]
     .map(|item| item as f32);
-    if !items.iter().all(|item| item.is_finite() && *item > 0.0) {
+    let lasts = parameters.duration_s > 0.0 && parameters.duration_s <= DURATION_S_MAX;
+    if !lasts || !items.iter().all(|item| item.is_finite() && *item > 0.0) {
         return None;
     }
-    let [u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s, rate_rad_s_max, envelope_low_m_s2, envelope_high_m_s2, lever_m, _] =
-        items;
+    let [
+        u1_m_s2,
+        t1_s,
+        t3_s,
+        u5_m_s2,
+        t5_s,
+        rate_rad_s_max,
+        envelope_low_m_s2,
+        envelope_high_m_s2,
+        lever_m,
+        _,
+    ] = items;
     Some(ManeuverUpload {
         vehicle: parameters.vehicle,
         flips: parameters.flips,
@@ -44,9 +58,12 @@ pub(crate) fn upload(parameters: &ManeuverParameters, set_id: u16) -> Option<Man
 
 /// FNV-1a-64 over the items' little-endian bytes, as `device::vehicle_link` defines a set's digest.
 fn digest(items: &[f32]) -> u64 {
-    items.iter().flat_map(|item| item.to_le_bytes()).fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
-    })
+    items
+        .iter()
+        .flat_map(|item| item.to_le_bytes())
+        .fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
+        })
 }
 
 /// Identities that rise, pass over zero, and stay ahead of what the vehicle reports from before a restart.
@@ -58,15 +75,17 @@ pub(crate) struct Identities {
 impl Identities {
     /// Each start of this service gets a range of its own.
     pub(crate) fn new(incarnation: u32) -> Self {
-        Self { last: (incarnation as u16).wrapping_mul(1024) }
+        Self {
+            last: (incarnation as u16).wrapping_mul(1024),
+        }
     }
 
     /// A new identity, later than every one given before and than the one reported.
     pub(crate) fn next(&mut self, reported: Option<u16>) -> u16 {
         if let Some(reported) = reported {
-            // Serial-number arithmetic: ahead means by less than half the range.
+            // Serial-number arithmetic, as the vehicle does it: behind means by less than half the range.
             let ahead_by = reported.wrapping_sub(self.last);
-            if (1..0x8000).contains(&ahead_by) {
+            if (1..=0x8000).contains(&ahead_by) {
                 self.last = reported;
             }
         }
@@ -98,6 +117,7 @@ mod tests {
             envelope_low_m_s2: 3.589744,
             envelope_high_m_s2: 21.025641,
             lever_m: 0.057818,
+            duration_s: 1.019,
             ..ManeuverParameters::default()
         }
     }
@@ -117,7 +137,16 @@ mod tests {
         assert_eq!(upload(&wrong, 1), None, "finite here, infinite on the link");
         wrong.parameters.t3_s = -0.1;
         assert_eq!(upload(&wrong, 1), None);
-        assert_eq!(upload(&ManeuverParameters { flips: 0, ..parameters() }, 1), None);
+        assert_eq!(
+            upload(
+                &ManeuverParameters {
+                    flips: 0,
+                    ..parameters()
+                },
+                1
+            ),
+            None
+        );
     }
 
     #[test]
@@ -126,6 +155,12 @@ mod tests {
         assert_eq!(ids.next(None), 1025);
         assert_eq!(ids.next(Some(1000)), 1026);
         assert_eq!(ids.next(Some(2000)), 2001);
+        let mut opposite = Identities { last: 0x1000 };
+        assert_eq!(
+            opposite.next(Some(0x9000)),
+            0x9001,
+            "the vehicle must see it as ahead"
+        );
         let mut wrapping = Identities { last: 0xFFFF };
         assert_eq!(wrapping.next(None), 1);
         let mut near_the_end = Identities { last: 0xFFF0 };

@@ -33,7 +33,9 @@ impl WatchTuning {
     /// Whether a flip must be ended, judged by the newest usable estimate and when it was one.
     pub(crate) fn breach(&self, now: Time, hall: &Hall, last_valid: Option<&VehicleState>) -> Option<Breach> {
         let state = last_valid.filter(|state| age_s(now, state.estimated_for) <= self.blind_s_max);
-        let Some(state) = state else { return Some(Breach::Unseen) };
+        let Some(state) = state else {
+            return Some(Breach::Unseen);
+        };
         let (at, velocity) = (state.estimate.position_m, state.estimate.velocity_m_s);
         if at.z < self.height_m_min && velocity.z < 0.0 {
             return Some(Breach::Low);
@@ -62,7 +64,12 @@ mod tests {
     use quantity::Span;
     use schemas::Kinematics;
 
-    const HALL: Hall = Hall { width_m: 10.0, depth_m: 8.0, height_m: 9.0, margin_m: 0.5 };
+    const HALL: Hall = Hall {
+        width_m: 10.0,
+        depth_m: 8.0,
+        height_m: 9.0,
+        margin_m: 0.5,
+    };
 
     fn state(position_m: [f64; 3], velocity_m_s: [f64; 3]) -> VehicleState {
         let vector = |[x, y, z]: [f64; 3]| Vector::new(x, y, z);

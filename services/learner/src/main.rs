@@ -1,2 +1,5 @@
-//! Stub.
-fn main() {}
+//! The learner as a process of its own.
+
+fn main() -> std::process::ExitCode {
+    service_shell::run::<learner::Learner>()
+}

@@ -26,6 +26,9 @@ pub struct Arguments {
     /// Seed of everything random.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
+    /// Fly this many seeds, from `--seed` on, and print how their outcomes are distributed.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: Option<u64>,
     /// Print one JSON object to standard output and progress to standard error.
     #[arg(long)]
     json: bool,
@@ -76,6 +79,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut arena = Arena::load(&arguments.config, &arguments.scenario)?;
     if let Some(iterations) = arguments.iterations {
         arena.scenario.flip.iterations = iterations;
+    }
+    if let Some(seeds) = arguments.seeds {
+        return super::seeds::run(&arena, arguments.seed..arguments.seed + seeds, arguments.json);
     }
     let started = Instant::now();
     let mut progress = Progress { json: arguments.json, flips: 0 };

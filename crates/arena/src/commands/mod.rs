@@ -2,6 +2,7 @@
 
 mod learn;
 mod run;
+mod seeds;
 mod solve;
 mod up;
 

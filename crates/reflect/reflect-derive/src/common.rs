@@ -12,7 +12,7 @@ pub fn doc(attributes: &[Attribute], spanned: &impl quote::ToTokens, what: &str)
                 lit: Lit::Str(text), ..
             }) = &pair.value
         {
-            lines.extend(text.value().lines().map(|line| line.trim().to_owned()));
+            lines.extend(text.value().split('\n').map(|line| line.trim().to_owned()));
         }
     }
     let doc = lines.join("\n").trim().to_owned();

@@ -9,8 +9,8 @@ use syn::{DeriveInput, parse_macro_input};
 
 /// Derives `reflect::Message` for a struct with named fields.
 ///
-/// Needs `#[message(name = "package/Type")]`, a doc comment on the struct and on every field, and field types with a
-/// form on the wire; a float, or a vector, needs a known unit at the end of its name.
+/// Needs `#[message(name = "package/Type")]`, a doc comment on the struct and on every field, and field types
+/// with a form on the wire; a float, or a vector, needs a known unit at the end of its name.
 #[proc_macro_derive(Message, attributes(message))]
 pub fn derive_message(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);
@@ -21,7 +21,8 @@ pub fn derive_message(input: TokenStream) -> TokenStream {
 
 /// Derives `reflect::Enumeration`, and serde's traits by value, for a field-less enum with explicit values.
 ///
-/// Needs `#[repr(u8)]` or `#[repr(u32)]`, a value for every variant, and a doc comment on the enum and every variant.
+/// Needs `#[repr(u8)]` or `#[repr(u32)]`, a value for every variant, and a doc comment on the enum and every
+/// variant.
 #[proc_macro_derive(Enumeration)]
 pub fn derive_enumeration(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);

@@ -133,8 +133,8 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let Data::Struct(data) = &input.data else {
         return Err(Error::new_spanned(
             &input.ident,
-            "only a struct is a message; a field-less enum derives Enumeration, and an enum with data has no form \
-             on the wire",
+            "only a struct is a message; a field-less enum derives Enumeration, and an enum with data has no \
+             form on the wire",
         ));
     };
     let Fields::Named(fields) = &data.fields else {
@@ -202,8 +202,8 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
 /// Checks on the types themselves, past aliases; a failure is an error at the field.
 fn constant_checks(message: &Ident, field: &Ident, ty: &Type, well_known: bool) -> TokenStream {
     let unit = format!(
-        "`{message}.{field}` is a float and its name ends in no known unit: `<quantity>_<unit>[_<qualifier>]`, \
-         see reflect::UNITS"
+        "`{message}.{field}` is a float and its name ends in no known unit: \
+         `<quantity>_<unit>[_<qualifier>]`, see reflect::UNITS"
     );
     let flat = format!("`{message}.{field}` is a sequence of sequences, which ROS 1 has no type for");
     let text = field.to_string();

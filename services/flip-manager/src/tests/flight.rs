@@ -50,7 +50,11 @@ const fn double_flip() -> [(f64, f64, f64); 5] {
     const HIGH: f64 = 21.025_641;
     const RATE: f64 = 27.925_268;
     let (u1, t1, t3, u5, t5) = (20.395_44, 0.160_92, 0.278_33, 20.309_11, 0.182_68);
-    let (a1, a2, a5) = ((u1 - HIGH) / LEVER_M, (HIGH - LOW) / (2.0 * LEVER_M), (HIGH - u5) / LEVER_M);
+    let (a1, a2, a5) = (
+        (u1 - HIGH) / LEVER_M,
+        (HIGH - LOW) / (2.0 * LEVER_M),
+        (HIGH - u5) / LEVER_M,
+    );
     let middle = (HIGH + LOW) / 2.0;
     [
         (t1, u1, a1),
@@ -99,7 +103,10 @@ impl Plane {
         let front = self.thrust_n[1] * inflow(climb - swing);
         let acceleration = 2.0 * (back + front) / MASS_KG;
         let angular = ARM_M * (back - front) / (INERTIA_KG_M2 * departures.inertia_ratio);
-        for (axis, a) in [acceleration * sin, acceleration * cos - 9.81].into_iter().enumerate() {
+        for (axis, a) in [acceleration * sin, acceleration * cos - 9.81]
+            .into_iter()
+            .enumerate()
+        {
             self.position_m[axis] += STEP_S * (self.velocity_m_s[axis] + 0.5 * STEP_S * a);
             self.velocity_m_s[axis] += STEP_S * a;
         }
@@ -161,8 +168,16 @@ pub(crate) fn fly(seed: u64, heading_rad: f64, departures: &Departures, cameras:
     let lead_s = 0.3 + 0.005 * random.uniform();
     let end_s = lead_s + duration_s();
     let base = Time::ZERO + Span::from_secs(100);
-    let mut maneuver = Loop { p_1_s: 240.0, i_1_s2: 3600.0, integral_rad: 0.0 };
-    let mut flight = Loop { p_1_s: 40.0, i_1_s2: 60.0, integral_rad: 0.0 };
+    let mut maneuver = Loop {
+        p_1_s: 240.0,
+        i_1_s2: 3600.0,
+        integral_rad: 0.0,
+    };
+    let mut flight = Loop {
+        p_1_s: 40.0,
+        i_1_s2: 60.0,
+        integral_rad: 0.0,
+    };
     let mut held = (9.81, 0.0);
     let (mut begin, mut end, mut poses) = (None, None, Vec::new());
     let (mut wanted_n, mut exposure_s) = ([hover_n; 2], 0.0);
@@ -192,7 +207,14 @@ pub(crate) fn fly(seed: u64, heading_rad: f64, departures: &Departures, cameras:
             exposure_s += 0.005;
             if random.uniform() >= cameras.dropout_ratio {
                 let at_s = time_s + cameras.stamp_noise_s * random.gaussian();
-                poses.push(film(base + Span::from_secs_f64(at_s), &plane, origin_m, heading_rad, cameras, &mut random));
+                poses.push(film(
+                    base + Span::from_secs_f64(at_s),
+                    &plane,
+                    origin_m,
+                    heading_rad,
+                    cameras,
+                    &mut random,
+                ));
             }
         }
         plane.advance(wanted_n, departures);

@@ -1,0 +1,4 @@
+//! Tests of the whole core.
+mod learning;
+mod random;
+mod school;

@@ -1,0 +1,8 @@
+//! One fear each. Every flight here also asserts, every 5 ms, that no vehicle leaves the hall.
+
+/// The cameras lose a vehicle, or lie about it.
+mod cameras;
+/// The bus loses, doubles, delays and bends datagrams.
+mod network;
+/// A service dies, sleeps or comes back.
+mod services;

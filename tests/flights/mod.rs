@@ -1,0 +1,8 @@
+//! Physics outcomes in the virtual arena.
+
+/// A minute of hovering.
+mod hover;
+/// The three experiments of the paper, and the fleet.
+mod learning;
+/// Prediction through the queue of sent commands.
+mod prediction;
