@@ -136,6 +136,7 @@ impl Core for RadioBridge {
     }
 
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
+        let woken = matches!(event, Event::Deadline);
         match event {
             Event::Deadline => {}
             Event::Input(Input::Command(command)) => self.command(now, &command, out),
@@ -153,7 +154,10 @@ impl Core for RadioBridge {
             }
             Event::Input(Input::Received(bytes)) => self.receive(now, &bytes, out),
         }
-        self.serve_slot(now, out);
+        // What comes in at the very instant of a slot still belongs to it: the slot waits to be woken for.
+        if woken || now > self.schedule.next_at() {
+            self.serve_slot(now, out);
+        }
         self.serve_data_link(now, out);
     }
 }

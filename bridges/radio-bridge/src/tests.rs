@@ -120,10 +120,29 @@ fn an_older_epoch_is_never_heard_again_and_reported_if_it_goes_on() {
 }
 
 #[test]
+fn commands_of_the_instant_of_a_slot_are_in_time_for_it() {
+    let (mut bridge, mut out) = (bridge("fleet"), Outbox::default());
+    for vehicle in [1, 2, 3] {
+        bridge.step(
+            ms(0),
+            Event::Input(Input::Command(command(vehicle, 1, ms(0)))),
+            &mut out,
+        );
+    }
+    bridge.step(ms(0), Event::Deadline, &mut out);
+    let sent = out
+        .take_messages()
+        .filter(|message| matches!(message, Output::Sent(_)))
+        .count();
+    assert_eq!(sent, 3);
+}
+
+#[test]
 fn a_late_driver_skips_to_the_current_slot() {
     let (mut bridge, mut out) = (bridge("double-flip"), Outbox::default());
     let mut sent_at = |at: Time| {
         bridge.step(at, Event::Input(Input::Command(command(1, 1, at))), &mut out);
+        bridge.step(at, Event::Deadline, &mut out);
         let sent = out
             .take_messages()
             .filter(|message| matches!(message, Output::Sent(_)))

@@ -27,8 +27,11 @@ const WINDOW_BLOCKS: usize = 48;
 const PERIOD_STEP_RATIO_MAX: f64 = 2e-3;
 /// Consecutive frames ahead of the line that break it: nothing arrives before the least delay.
 const EARLY_FRAMES: u32 = 3;
-/// Consecutive frames of another period that break the line.
-const OTHER_PERIOD_FRAMES: usize = 4;
+/// Consecutive frames of one longer period that break the line: how many, and how much longer. A little longer
+/// may be chance once or twice, much longer may not.
+const OTHER_PERIODS: [(usize, f64); 2] = [(2, 1.5), (4, 1.1)];
+/// Frames that shows in.
+const RECENT_FRAMES: usize = 5;
 /// Frames over which a creeping lag is looked for.
 const CREEP_FRAMES: u32 = 32;
 
@@ -271,22 +274,25 @@ impl Watch {
 
     /// Several frames in a row with one common, longer period: a stall's frames come in one bunch instead.
     fn slower(&mut self, point: Point, lag_ns: f64, period_ns: f64, break_ns: f64) -> bool {
-        if self.recent.len() > OTHER_PERIOD_FRAMES {
+        if self.recent.len() == RECENT_FRAMES {
             self.recent.pop_front();
         }
         self.recent.push_back(point);
-        if lag_ns < break_ns || self.recent.len() <= OTHER_PERIOD_FRAMES {
-            return false;
-        }
-        let periods = self
-            .recent
-            .iter()
-            .zip(self.recent.iter().skip(1))
-            .map(|(a, b)| (b.arrival_ns - a.arrival_ns) / (b.frames - a.frames).max(1.0));
-        let (least, most) = periods.fold((f64::INFINITY, 0.0_f64), |(least, most), p| {
-            (least.min(p), most.max(p))
-        });
-        least > 1.1 * period_ns && most < 1.2 * least
+        lag_ns >= break_ns
+            && OTHER_PERIODS.iter().any(|&(frames, ratio)| {
+                let Some(before) = self.recent.len().checked_sub(frames + 1) else {
+                    return false;
+                };
+                let periods = self
+                    .recent
+                    .range(before..)
+                    .zip(self.recent.range(before + 1..))
+                    .map(|(a, b)| (b.arrival_ns - a.arrival_ns) / (b.frames - a.frames).max(1.0));
+                let (least, most) = periods.fold((f64::INFINITY, 0.0_f64), |(least, most), p| {
+                    (least.min(p), most.max(p))
+                });
+                least > ratio * period_ns && most < 1.2 * least
+            })
     }
 
     /// Even the fastest of many frames lags, and the fastest of as many after them lags further.

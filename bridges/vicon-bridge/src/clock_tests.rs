@@ -118,7 +118,7 @@ fn before_the_fit_only_the_frames_own_jitter_is_left() {
 }
 
 #[test]
-fn another_rate_is_noticed_within_five_frames() {
+fn another_rate_is_noticed_within_three_frames() {
     for rate_hz in [100.0, 60.0, 20.0, 400.0] {
         let (mut clock, mut cameras) = (clock(), Cameras::at_hz(200.0));
         errors_s(&mut clock, &mut cameras, 1000);
@@ -132,7 +132,7 @@ fn another_rate_is_noticed_within_five_frames() {
             }
             clock.exposed_at(frame, arrived);
         }
-        assert!(noticed <= 5, "{rate_hz} Hz noticed after {noticed}");
+        assert!(noticed <= 3, "{rate_hz} Hz noticed after {noticed}");
         errors_s(&mut clock, &mut cameras, 40);
         let (worst, _) = errors_s(&mut clock, &mut cameras, 1000);
         assert!(worst < 300e-6, "{rate_hz} Hz, worst {worst}");
@@ -195,4 +195,13 @@ fn a_leap_of_the_count_starts_the_fit_over() {
     assert!(worst < 2e-3, "worst {worst}");
     let (worst, _) = errors_s(&mut clock, &mut cameras, 1000);
     assert!(worst < 300e-6, "worst {worst}");
+}
+
+#[test]
+fn a_quarter_of_an_hour_of_jitter_never_breaks_the_line() {
+    let (mut clock, mut cameras) = (clock(), Cameras::at_hz(200.0));
+    for _ in 0..180_000 {
+        let (frame, _, arrived) = cameras.next();
+        assert_eq!(clock.observe(frame, arrived), Rhythm::Steady);
+    }
 }

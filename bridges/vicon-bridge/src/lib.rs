@@ -15,10 +15,9 @@
 //!   estimator, flip-manager
 //! ```
 //!
-//! A frame goes out as soon as it has spoken of every vehicle that was reported within the last second; else
-//! with the first datagram of the next frame, or two milliseconds after its own first. A vehicle the cameras
-//! do not see is left out of the frame; a frame without any is still sent, since it says that the cameras
-//! work.
+//! A frame goes out as soon as it has spoken of every vehicle that was reported lately; else with the first
+//! datagram of the next frame, or two milliseconds after its own first. A vehicle the cameras do not see is
+//! left out of the frame; a frame without any is still sent, since it says that the cameras work.
 
 mod clock;
 mod frames;

@@ -9,7 +9,7 @@ use settings::ConfigError;
 pub struct Tuning {
     /// How long a frame waits for further datagrams after its first; default 0.002.
     pub merge_s: f64,
-    /// A vehicle not reported for longer is no longer waited for; default 1.0.
+    /// A vehicle not reported for longer is no longer waited for; default 0.1.
     pub expect_s: f64,
     /// How often a pose may repeat bit for bit before it counts as not seen; default 0. Real cameras never
     /// repeat a pose; noise-free simulated ones do, of a vehicle at rest.
@@ -38,7 +38,7 @@ impl Default for Tuning {
     fn default() -> Self {
         Self {
             merge_s: 0.002,
-            expect_s: 1.0,
+            expect_s: 0.1,
             identical_poses_accepted: 0,
             identical_poses_reported: 5,
             outside_hall_m_max: 5.0,

@@ -1,8 +1,9 @@
-//! From the rough guess to P0 and J of a triple flip at 1600 deg/s, against plain code doing the same amount of work.
+//! From the rough guess to P0 and J of a triple flip at 1600 deg/s, against plain code doing the same amount
+//! of work.
 //!
-//! The plain code flies 132 flips at 800 Hz with one Runge-Kutta step per tick, which is what a straightforward solver
-//! needs on that grid. `solve` ends on a grid sixteen times finer. Run with `cargo bench -p maneuver`; the last line
-//! gives the ratio.
+//! The plain code flies 132 flips at 800 Hz with one Runge-Kutta step per tick, which is what a
+//! straightforward solver needs on that grid. `solve` ends on a grid sixteen times finer. Run with `cargo
+//! bench -p maneuver`; the last line gives the ratio.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -49,7 +50,8 @@ fn plain_flips() -> f64 {
         .sum()
 }
 
-/// One flip as anybody would write it: nine states, textbook Runge-Kutta, commands held over each 800 Hz tick.
+/// One flip as anybody would write it: nine states, textbook Runge-Kutta, commands held over each 800 Hz
+/// tick.
 fn plain_flip(model: &Model, primitive: &Primitive) -> f64 {
     let hover = model.hover_thrust_n();
     let mut state = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, hover, hover];

@@ -12,8 +12,8 @@ use crate::primitive::Primitive;
 /// Steps between two fresh computations of sine and cosine.
 const RESYNCHRONISE_STEPS: u32 = 64;
 
-/// Flies step `index` (0 to 4) of one primitive per lane, cut into `ceil(steps_hz * T)` parts, and calls `observe`
-/// after each part with the time since the maneuver's start in the first lane, s.
+/// Flies step `index` (0 to 4) of one primitive per lane, cut into `ceil(steps_hz * T)` parts, and calls
+/// `observe` after each part with the time since the maneuver's start in the first lane, s.
 pub(crate) fn fly_step<const N: usize>(
     c: &Coefficients,
     state: &mut State<N>,
@@ -53,8 +53,8 @@ pub(crate) fn fly_step<const N: usize>(
         let wanted = |parts: f64| start_rate + slope * parts;
         let part = f64::from(part);
         let rates = [wanted(part), wanted(part + 0.5), wanted(part + 1.0)];
-        // Eqs. (7) to (9). Runge-Kutta's stages of the integral are those of the angle turned, which are at hand
-        // anyway; what does not depend on the state at a stage is added up beforehand.
+        // Eqs. (7) to (9). Runge-Kutta's stages of the integral are those of the angle turned, which are at
+        // hand anyway; what does not depend on the state at a stage is added up beforehand.
         let integral = state.integral;
         let integrals = [
             integral,
@@ -63,7 +63,7 @@ pub(crate) fn fly_step<const N: usize>(
         ];
         let integrals = [integrals[0], integrals[1], integrals[2], integral + rates[1] * h];
         let known: [Lanes<N>; 4] =
-            array::from_fn(|i| rates[(i + 1) / 2] * c.proportional + integrals[i] * c.integral);
+            array::from_fn(|i| rates[i.div_ceil(2)] * c.proportional + integrals[i] * c.integral);
         let rate_before = state.rate;
         let turn = state.advance(c, length, |stage, rate, angle| {
             let difference = known[stage] - (rate * gyro[0] + angle * gyro[1]);
@@ -81,11 +81,11 @@ pub(crate) fn fly_step<const N: usize>(
     }
 }
 
-/// The integral after a step from `before` to `after` under the conditional rule, given the rate errors at its two
-/// ends.
+/// The integral after a step from `before` to `after` under the conditional rule, given the rate errors at
+/// its two ends.
 ///
-/// Of a step that is saturated in part, that part counts which is not. Counting such a step whole or not at all would
-/// err by as much as the step itself, and the final error would jump with the parameters.
+/// Of a step that is saturated in part, that part counts which is not. Counting such a step whole or not at
+/// all would err by as much as the step itself, and the final error would jump with the parameters.
 fn admitted(c: &Coefficients, share: f64, rate_errors: [f64; 2], before: f64, after: f64) -> f64 {
     let sign = if after > before { 1.0 } else { -1.0 };
     let [begin, end] = rate_errors.map(|error| c.integral_limit(share, error, sign) - sign * before);

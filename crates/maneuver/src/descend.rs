@@ -18,8 +18,8 @@ const RETRIES_MAX: usize = 16;
 /// Quasi-Newton steps before giving up.
 const POLISH_STEPS_MAX: usize = 12;
 
-/// Longest step in U1 and U5, m/s², and in a duration, as a ratio and at least in s. Longer ones jump over whole
-/// turns into basins where theta is wrong by 2π.
+/// Longest step in U1 and U5, m/s², and in a duration, as a ratio and at least in s. Longer ones jump over
+/// whole turns into basins where theta is wrong by 2π.
 const STEP_M_S2_MAX: f64 = 1.5;
 const STEP_RATIO_MAX: f64 = 0.3;
 const STEP_S_MIN: f64 = 0.02;
@@ -51,8 +51,8 @@ impl Descent {
     }
 }
 
-/// Levenberg and Marquardt's damped least squares on |F|, inside the box, until the goal is reached or nothing helps
-/// any more.
+/// Levenberg and Marquardt's damped least squares on |F|, inside the box, until the goal is reached or
+/// nothing helps any more.
 pub(crate) fn descend(
     problem: &Problem<'_>,
     bounds: &Bounds,
@@ -139,8 +139,8 @@ fn shortened(step: Vector5<f64>, parameters: &[f64; 5]) -> Vector5<f64> {
     step * scale
 }
 
-/// Quasi-Newton steps with Broyden's updates, for the last steps to a solution: on a fine grid they need about three
-/// evaluations and not one Jacobian.
+/// Quasi-Newton steps with Broyden's updates, for the last steps to a solution: on a fine grid they need
+/// about three evaluations and not one Jacobian.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct QuasiNewton {
     /// Scaled parameter change per change of the final error.
@@ -154,8 +154,8 @@ impl QuasiNewton {
         Some(Self { inverse })
     }
 
-    /// From `parameters`, whose evaluation on this grid is `here`, until the norm is below `tolerance`. `None` if it
-    /// does not get there.
+    /// From `parameters`, whose evaluation on this grid is `here`, until the norm is below `tolerance`.
+    /// `None` if it does not get there.
     pub fn polish(
         &mut self,
         problem: &Problem<'_>,

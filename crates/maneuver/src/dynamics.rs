@@ -1,8 +1,8 @@
 //! The equations of motion in the vertical plane, and one Runge-Kutta step of them.
 //!
-//! The rotation knows nothing of the translation, and neither of theta's sine except through what the thrusts push:
-//! the step below computes the rotation first and carries sine and cosine along by turning them a small angle, which
-//! is several times cheaper than computing them anew at each of the four stages.
+//! The rotation knows nothing of the translation, and neither of theta's sine except through what the thrusts
+//! push: the step below computes the rotation first and carries sine and cosine along by turning them a small
+//! angle, which is several times cheaper than computing them anew at each of the four stages.
 
 use quantity::{GRAVITY_M_S2, math};
 
@@ -33,8 +33,8 @@ pub struct PlanarState {
     pub integral_rad: f64,
 }
 
-/// [`PlanarState`] in lanes, with the sine and cosine of theta beside it. Thrusts are what is commanded and lagged,
-/// before any deviation of the vehicle's thrust.
+/// [`PlanarState`] in lanes, with the sine and cosine of theta beside it. Thrusts are what is commanded and
+/// lagged, before any deviation of the vehicle's thrust.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct State<const N: usize> {
     pub x: Lanes<N>,
@@ -100,8 +100,8 @@ impl Coefficients {
         thrust.at_least(self.thrust_min).at_most(self.thrust_max)
     }
 
-    /// Value of the integral at which the command saturates in the direction of its growth, times `sign`; `sign` is
-    /// that direction, 1 or -1. Saturated means that no more of it changes any thrust.
+    /// Value of the integral at which the command saturates in the direction of its growth, times `sign`;
+    /// `sign` is that direction, 1 or -1. Saturated means that no more of it changes any thrust.
     pub fn integral_limit(&self, share: f64, rate_error: f64, sign: f64) -> f64 {
         let room = (self.thrust_max - share).max(share - self.thrust_min);
         (room - self.proportional * rate_error * sign) / self.integral
@@ -175,8 +175,9 @@ impl<const N: usize> State<N> {
         }
     }
 
-    /// One step of classical fourth-order Runge-Kutta, except for the integral. `command` gives the thrusts wanted at a
-    /// stage: its arguments are the stage (0 to 3), the rate there, and the angle turned since the step began.
+    /// One step of classical fourth-order Runge-Kutta, except for the integral. `command` gives the thrusts
+    /// wanted at a stage: its arguments are the stage (0 to 3), the rate there, and the angle turned since
+    /// the step began.
     ///
     /// Returns the angle turned by the step.
     #[inline(always)]
@@ -201,8 +202,9 @@ impl<const N: usize> State<N> {
         let mean = Slope::weighed(&slope1, &slope2, &slope3, &slope4);
         let turn = weighed(stage1.rate, stage2.rate, stage3.rate, stage4.rate) * step.sixth.h;
 
-        // Theta differs between the two middle stages, and between the last stage and the step's end, by so little
-        // that sine and cosine are linear in the difference to the last bit. Two evaluations do instead of four.
+        // Theta differs between the two middle stages, and between the last stage and the step's end, by so
+        // little that sine and cosine are linear in the difference to the last bit. Two evaluations do
+        // instead of four.
         let end = self.turned(turn);
         let last = {
             let ahead = angle4 - turn;
@@ -224,7 +226,8 @@ impl<const N: usize> State<N> {
             fall,
             ..
         } = *step;
-        // The four velocities of the stages, summed: 6 v + h (a1 + a2 + a3). Gravity is constant and done exactly.
+        // The four velocities of the stages, summed: 6 v + h (a1 + a2 + a3). Gravity is constant and done
+        // exactly.
         let (ax123, az123) = (ax1 + ax23, az1 + az23);
         self.x = self.x + (self.vx + ax123 * sixth) * h;
         self.z = self.z + (self.vz + az123 * sixth - fall * 0.5) * h;
@@ -312,8 +315,9 @@ struct Stage<const N: usize> {
     thrusts: [Lanes<N>; 2],
 }
 
-/// Derivative of the rotation's state at one stage, before the constants of eqs. (3) and (6): those are multiplied
-/// into the step's length, which keeps them out of the chain of operations that one step waits for.
+/// Derivative of the rotation's state at one stage, before the constants of eqs. (3) and (6): those are
+/// multiplied into the step's length, which keeps them out of the chain of operations that one step waits
+/// for.
 #[derive(Clone, Copy)]
 struct Slope<const N: usize> {
     /// Fa - Fb.

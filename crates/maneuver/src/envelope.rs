@@ -1,4 +1,5 @@
-//! The reduced control envelope: the part of the thrust range a flip is designed in, the rest kept for feedback.
+//! The reduced control envelope: the part of the thrust range a flip is designed in, the rest kept for
+//! feedback.
 
 use crate::model::Model;
 

@@ -1,7 +1,7 @@
 //! Several numbers that go through the same arithmetic side by side.
 //!
-//! One simulated flip is a chain of dependent operations and leaves most of a processor idle. Several flips in lanes
-//! fill it. No lane sees another, so each gives the same bits as it would alone.
+//! One simulated flip is a chain of dependent operations and leaves most of a processor idle. Several flips
+//! in lanes fill it. No lane sees another, so each gives the same bits as it would alone.
 
 use core::array;
 use core::ops::{Add, Mul, Sub};

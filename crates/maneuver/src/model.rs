@@ -12,7 +12,8 @@ pub enum Integral {
     Conditional,
 }
 
-/// The vertical-plane model a flip is designed and corrected with. It knows nothing of inflow, drag or battery.
+/// The vertical-plane model a flip is designed and corrected with. It knows nothing of inflow, drag or
+/// battery.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model {
     /// Mass M, kg.
@@ -122,7 +123,8 @@ impl Model {
         4.0 * self.thrust_n_min / self.mass_kg
     }
 
-    /// Collective acceleration with every propeller at its greatest thrust, m/s²: how far learning may raise U1, U5.
+    /// Collective acceleration with every propeller at its greatest thrust, m/s²: how far learning may raise
+    /// U1, U5.
     #[must_use]
     pub fn collective_m_s2_max(&self) -> f64 {
         4.0 * self.thrust_n_max / self.mass_kg

@@ -117,8 +117,8 @@ impl FinalError {
         )
     }
 
-    /// The same with theta brought into (-π, π]. For errors of a real vehicle, whose attitude does not count turns;
-    /// never for the solver, which must not mistake a double flip for a triple.
+    /// The same with theta brought into (-π, π]. For errors of a real vehicle, whose attitude does not count
+    /// turns; never for the solver, which must not mistake a double flip for a triple.
     #[must_use]
     pub fn wrapped(self) -> Self {
         Self {

@@ -21,8 +21,8 @@ pub enum Discretisation {
     Continuous,
     /// Rate loop at 800 Hz, collective averaged over each tick (`avg`), so that the error has derivatives.
     Average800,
-    /// Rate loop at 800 Hz, collective sampled at each tick (`zoh`): what a vehicle does. The final error jumps
-    /// where a step boundary crosses a tick.
+    /// Rate loop at 800 Hz, collective sampled at each tick (`zoh`): what a vehicle does. The final error
+    /// jumps where a step boundary crosses a tick.
     Hold800,
 }
 
@@ -59,8 +59,8 @@ pub fn final_error(
     Ok(flight.fly(discretisation, |_, _| ()))
 }
 
-/// [`final_error`], and the trajectory with it: `observe` is called with the time since the start, s, and the state,
-/// first at the start and then after every integration step, last at the end.
+/// [`final_error`], and the trajectory with it: `observe` is called with the time since the start, s, and the
+/// state, first at the start and then after every integration step, last at the end.
 ///
 /// # Errors
 /// If the model, the design or the parameters are impossible.

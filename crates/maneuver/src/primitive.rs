@@ -91,7 +91,8 @@ impl Primitive {
     pub const DURATION_S_MAX: f64 = 10.0;
 
     /// The five steps of a design with these parameters on a vehicle with the lever αL
-    /// ([`Model::alpha_l_m`](crate::Model::alpha_l_m)). U1 and U5 may lie above the envelope: learning needs that.
+    /// ([`Model::alpha_l_m`](crate::Model::alpha_l_m)). U1 and U5 may lie above the envelope: learning needs
+    /// that.
     ///
     /// # Errors
     /// [`PrimitiveError`] names what is impossible.
@@ -200,8 +201,8 @@ impl Primitive {
         self.start_rates_rad_s[index]
     }
 
-    /// The command `t_s` seconds after the start. At the instant between two steps the later one holds; before the
-    /// start (and at NaN) the first instant's command, after the end the last instant's.
+    /// The command `t_s` seconds after the start. At the instant between two steps the later one holds;
+    /// before the start (and at NaN) the first instant's command, after the end the last instant's.
     #[must_use]
     pub fn sample(&self, t_s: f64) -> Setpoint {
         let t_s = if t_s > 0.0 { t_s } else { 0.0 };
@@ -217,8 +218,8 @@ impl Primitive {
         }
     }
 
-    /// Mean collective between two instants, m/s². The instants are first brought into the maneuver; of an empty
-    /// interval it is the collective there.
+    /// Mean collective between two instants, m/s². The instants are first brought into the maneuver; of an
+    /// empty interval it is the collective there.
     #[must_use]
     pub fn mean_collective_m_s2(&self, from_s: f64, until_s: f64) -> f64 {
         // Not `clamp`, which panics at a NaN bound.

@@ -13,9 +13,9 @@ use crate::ticks::{self, Collective};
 
 /// Half the width of the central differences in U1 and U5, m/s².
 ///
-/// Clipping and the rotors' two lags put kinks into F, and a Runge-Kutta step across a kink errs by up to a hundredth
-/// in the small entries of a derivative taken at a point. Differences this wide cross several steps and average
-/// that; they are still far below what a vehicle can distinguish.
+/// Part of the definition of J: clipping and the rotors' two lags put kinks into F, so that its smallest
+/// entries differ by some percent with the width and with the grid. These widths give the published J to its
+/// last digit; other ones, and the exact derivative of the grid's equations, do not.
 pub(crate) const DIFFERENCE_M_S2: f64 = 2e-3;
 
 /// Half the width of the central differences in T1, T3 and T5, s. See [`DIFFERENCE_M_S2`].
@@ -44,7 +44,8 @@ pub(crate) struct Evaluation {
     pub error: FinalError,
     /// Greatest height above the start, m.
     pub apex_m: f64,
-    /// States where steps 3 and 4 begin. Steps 1 and 2 depend on neither T3, U5 nor T5, step 3 neither on U5 nor T5.
+    /// States where steps 3 and 4 begin. Steps 1 and 2 depend on neither T3, U5 nor T5, step 3 neither on U5
+    /// nor T5.
     coast_begins: State<1>,
     stop_begins: State<1>,
 }
@@ -98,7 +99,8 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// [`Problem::evaluate`] of these parameters, and F of others `beside`, in the time of one where the grid allows.
+    /// [`Problem::evaluate`] of these parameters, and F of others `beside`, in the time of one where the grid
+    /// allows.
     pub fn evaluate_beside(
         &self,
         parameters: &[f64; 5],
@@ -153,8 +155,8 @@ impl<'a> Problem<'a> {
         )
     }
 
-    /// J at these parameters, whose evaluation on the same grid is `here`: rows x, z, vx, vz, theta, columns U1, T1,
-    /// T3, U5, T5. Differences are `width` times [`DIFFERENCE_M_S2`] and [`DIFFERENCE_S`] wide.
+    /// J at these parameters, whose evaluation on the same grid is `here`: rows x, z, vx, vz, theta, columns
+    /// U1, T1, T3, U5, T5. Differences are `width` times [`DIFFERENCE_M_S2`] and [`DIFFERENCE_S`] wide.
     pub fn jacobian(
         &self,
         parameters: &[f64; 5],

@@ -41,7 +41,8 @@ pub struct Solution {
     pub parameters: Parameters,
     /// F(P0), of norm below 1e-9.
     pub final_error: FinalError,
-    /// J at P0: rows x, z, vx, vz, theta, columns U1, T1, T3, U5, T5. Central differences of ±0.002 m/s² and ±50 µs.
+    /// J at P0: rows x, z, vx, vz, theta, columns U1, T1, T3, U5, T5. Central differences of ±0.002 m/s² and
+    /// ±50 µs.
     // Lupashin 2010, eq. (25).
     pub jacobian: [[f64; 5]; 5],
     /// Ratio of the Jacobian's greatest to its least singular value.
@@ -98,8 +99,8 @@ impl From<ModelError> for SolveError {
     }
 }
 
-/// The rough guess: instantaneous, symmetric, as the paper prints it. T3 comes out negative where the rate is so
-/// high, and the turns so few, that starting and stopping alone turn further than asked.
+/// The rough guess: instantaneous, symmetric, as the paper prints it. T3 comes out negative where the rate is
+/// so high, and the turns so few, that starting and stopping alone turn further than asked.
 ///
 /// # Errors
 /// If model or design are impossible.
@@ -122,8 +123,8 @@ pub fn rough_guess(model: &Model, design: &FlipDesign) -> Result<Parameters, Fli
 
 /// P0 and J of a design: the parameters inside the reduced envelope whose final error vanishes on the model.
 ///
-/// The weights of the paper's norm do not matter where that norm reaches zero; where it does not, the plain norm's
-/// least value is reported.
+/// The weights of the paper's norm do not matter where that norm reaches zero; where it does not, the plain
+/// norm's least value is reported.
 ///
 /// # Errors
 /// If model or design are impossible, or nothing inside the envelope ends where it began.
@@ -174,8 +175,8 @@ pub fn solve(
     })
 }
 
-/// The start with T3 changed until about the right number of turns is made. Nearly always that is all it takes to
-/// stay clear of the basins where a double flip passes for a triple.
+/// The start with T3 changed until about the right number of turns is made. Nearly always that is all it
+/// takes to stay clear of the basins where a double flip passes for a triple.
 fn turned_right(
     problem: &Problem<'_>,
     bounds: &Bounds,
@@ -228,8 +229,8 @@ impl Near {
         {
             return Ok(Some(solved));
         }
-        // The error is smooth in pieces only. Wide differences see across the kinks, narrow ones the piece they are
-        // in: where the first are stuck at a kink the second get through.
+        // The error is smooth in pieces only. Wide differences see across the kinks, narrow ones the piece
+        // they are in: where the first are stuck at a kink the second get through.
         let mut parameters = self.parameters;
         for width in [1.0, 0.01] {
             let descent = descend(
@@ -250,8 +251,8 @@ impl Near {
     }
 }
 
-/// Where the straight way ends without a solution: descends from points spread evenly over the box, until one leads
-/// to a solution.
+/// Where the straight way ends without a solution: descends from points spread evenly over the box, until one
+/// leads to a solution.
 fn search(
     problem: &Problem<'_>,
     bounds: &Bounds,
@@ -303,8 +304,8 @@ fn precise(grid: Grid) -> Goal {
     }
 }
 
-/// Puts a descent among the best, sorted by norm, and drops what falls off the end. False if it is not among them,
-/// or ended where another did.
+/// Puts a descent among the best, sorted by norm, and drops what falls off the end. False if it is not among
+/// them, or ended where another did.
 fn insert(best: &mut [Option<Descent>; FOLLOWED], mut descent: Descent) -> bool {
     let same = |kept: &Descent| {
         let apart = kept
@@ -334,8 +335,8 @@ fn insert(best: &mut [Option<Descent>; FOLLOWED], mut descent: Descent) -> bool 
     kept
 }
 
-/// Point `number` of an additive recurrence, which covers five dimensions evenly without a random number: U1 and U5
-/// over their bounds, durations from 0.4 to 1.9 of the guess.
+/// Point `number` of an additive recurrence, which covers five dimensions evenly without a random number: U1
+/// and U5 over their bounds, durations from 0.4 to 1.9 of the guess.
 fn spread(bounds: &Bounds, guess: &[f64; 5], number: u32) -> [f64; 5] {
     /// The real root of x⁶ = x + 1.
     const GENERATOR: f64 = 1.134_724_138_401_519;

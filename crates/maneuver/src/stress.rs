@@ -1,4 +1,5 @@
-//! What becomes of a flip on a vehicle that is not the model: to know before the first flight how low it may sink.
+//! What becomes of a flip on a vehicle that is not the model: to know before the first flight how low it may
+//! sink.
 
 use crate::model::Model;
 use crate::parameters::{FinalError, FlipDesign, Parameters};
@@ -132,8 +133,8 @@ pub fn deviate(
     Ok(case)
 }
 
-/// Flies a flip on the model and on vehicles whose thrust, mass, inertia or rotor gain is lower or higher by `spread`
-/// (0.2 for 20 %).
+/// Flies a flip on the model and on vehicles whose thrust, mass, inertia or rotor gain is lower or higher by
+/// `spread` (0.2 for 20 %).
 ///
 /// # Errors
 /// If the model, the design or the parameters are impossible, or the spread is not in [0, 1).

@@ -54,8 +54,8 @@ pub(crate) fn fly(
     }
 }
 
-/// The integral after a tick, by the model's rule. The conditional one admits no more than what brings the command to
-/// its limit.
+/// The integral after a tick, by the model's rule. The conditional one admits no more than what brings the
+/// command to its limit.
 fn integrated(c: &Coefficients, share: f64, rate_error: f64, before: f64) -> Lanes<1> {
     let growth = rate_error / LOOP_HZ;
     let admitted = match c.integral_rule {

@@ -370,70 +370,62 @@ impl FirmwareSettings {
             attitude,
             ..
         } = self;
-        let hover_n = airframe.hover_collective_m_s2 * airframe.mass_kg / 4.0;
-        let in_order = |a: Span, b: Span| a <= b;
-        let ranges = [
-            (
-                "airframe.thrust_n_max",
-                airframe.thrust_n_max,
-                airframe.thrust_n_max > airframe.thrust_n_min
-                    && airframe.thrust_n_max <= airframe.full_command_thrust_n * 1.000_001,
-                "above thrust_n_min and not above full_command_thrust_n",
-            ),
-            (
-                "airframe.hover_collective_m_s2",
-                airframe.hover_collective_m_s2,
-                hover_n > airframe.thrust_n_min && hover_n < airframe.thrust_n_max,
-                "within the thrust range",
-            ),
-            (
-                "airframe.yaw_torque_per_thrust_m",
-                airframe.yaw_torque_per_thrust_m,
-                airframe.yaw_torque_per_thrust_m.is_finite() && airframe.yaw_torque_per_thrust_m != 0.0,
-                "finite and not zero",
-            ),
-            (
-                "limits.collective_m_s2_max",
-                limits.collective_m_s2_max,
-                limits.collective_m_s2_max.is_finite()
-                    && limits.collective_m_s2_max > limits.collective_m_s2_min
-                    && limits.collective_m_s2_min >= 0.0,
-                "above a collective_m_s2_min that is not negative",
-            ),
-            (
-                "limits.lever_ratio_max",
-                limits.lever_ratio_max,
-                limits.lever_ratio_max >= 1.0,
-                "at least 1",
-            ),
-            (
-                "failsafe.level_after",
-                failsafe.level_after.as_secs_f64(),
-                in_order(failsafe.fresh, failsafe.level_after)
-                    && in_order(failsafe.level_after, failsafe.descend_after),
-                "between fresh and descend_after",
-            ),
-            (
-                "failsafe.blind_descent_ratio",
-                failsafe.blind_descent_ratio,
-                failsafe.blind_descent_ratio > 0.5 && failsafe.blind_descent_ratio < 1.0,
-                "between 0.5 and 1",
-            ),
-            (
-                "attitude.hint_weight_ratio",
-                attitude.hint_weight_ratio,
-                attitude.hint_weight_ratio <= 1.0,
-                "at most 1",
-            ),
-        ];
-        match ranges.iter().find(|(_, _, holds, _)| !holds) {
-            Some((field, value, _, wanted)) => Err(SettingsError {
-                field,
-                value: *value,
-                wanted,
-            }),
-            None => Ok(()),
-        }
+        let require = |field, value, holds: bool, wanted| {
+            if holds {
+                Ok(())
+            } else {
+                Err(SettingsError { field, value, wanted })
+            }
+        };
+        let (least_n, greatest_n) = (airframe.thrust_n_min, airframe.thrust_n_max);
+        require(
+            "airframe.thrust_n_max",
+            greatest_n,
+            greatest_n > least_n && greatest_n <= airframe.full_command_thrust_n * 1.000_001,
+            "above thrust_n_min and not above full_command_thrust_n",
+        )?;
+        let hover = airframe.hover_collective_m_s2;
+        let hover_n = hover * airframe.mass_kg / 4.0;
+        let in_range = hover_n > least_n && hover_n < greatest_n;
+        require(
+            "airframe.hover_collective_m_s2",
+            hover,
+            in_range,
+            "within the thrust range",
+        )?;
+        let yaw = airframe.yaw_torque_per_thrust_m;
+        let turns = yaw.is_finite() && yaw != 0.0;
+        require(
+            "airframe.yaw_torque_per_thrust_m",
+            yaw,
+            turns,
+            "finite and not zero",
+        )?;
+        let (low, high) = (limits.collective_m_s2_min, limits.collective_m_s2_max);
+        require(
+            "limits.collective_m_s2_max",
+            high,
+            high.is_finite() && high > low && low >= 0.0,
+            "above a collective_m_s2_min that is not negative",
+        )?;
+        let lever_ratio = limits.lever_ratio_max;
+        require(
+            "limits.lever_ratio_max",
+            lever_ratio,
+            lever_ratio >= 1.0,
+            "at least 1",
+        )?;
+        require(
+            "failsafe.level_after",
+            failsafe.level_after.as_secs_f64(),
+            failsafe.fresh <= failsafe.level_after && failsafe.level_after <= failsafe.descend_after,
+            "between fresh and descend_after",
+        )?;
+        let blind = failsafe.blind_descent_ratio;
+        let sinks = blind > 0.5 && blind < 1.0;
+        require("failsafe.blind_descent_ratio", blind, sinks, "between 0.5 and 1")?;
+        let weight = attitude.hint_weight_ratio;
+        require("attitude.hint_weight_ratio", weight, weight <= 1.0, "at most 1")
     }
 }
 

@@ -1,8 +1,8 @@
 //! How fast the simulated arena runs: ticks of 800 Hz a second, next to the same physics written plainly.
 //!
-//! `plain` is the yardstick: rigid body, four lags, drag, inflow, rate loop, noise, quantiser and battery over bare
-//! arrays, two Runge-Kutta substeps a tick, nothing else. `airframe` is this crate's physics, `arena` all of it:
-//! physics, sensors, the vehicle's firmware, cameras, links and the bytes they make.
+//! `plain` is the yardstick: rigid body, four lags, drag, inflow, rate loop, noise, quantiser and battery
+//! over bare arrays, two Runge-Kutta substeps a tick, nothing else. `airframe` is this crate's physics,
+//! `arena` all of it: physics, sensors, the vehicle's firmware, cameras, links and the bytes they make.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -19,7 +19,8 @@ use settings::{Arena, Ports};
 const TICKS: u64 = 8_000;
 
 fn arena(name: &str) -> Arena {
-    Arena::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"), name).expect("the shipped settings load")
+    Arena::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"), name)
+        .expect("the shipped settings load")
 }
 
 /// The yardstick: 18 numbers of state, one function.
@@ -38,14 +39,24 @@ impl Plain {
         state[2] = 5.0;
         state[6] = 1.0;
         state[13..].fill(1.148);
-        Self { state, charge: 1.0, strain: 0.0, integral: [0.0; 2], random: Stream::new(1, Purpose::Gyro, 1) }
+        Self {
+            state,
+            charge: 1.0,
+            strain: 0.0,
+            integral: [0.0; 2],
+            random: Stream::new(1, Purpose::Gyro, 1),
+        }
     }
 
     fn derivative(s: &[f64; 17], command: &[f64; 4]) -> [f64; 17] {
         let (mass, arm, inertia) = (0.468, 0.17, [0.00223, 0.00223, 0.00388]);
         let [w, x, y, z] = [s[6], s[7], s[8], s[9]];
         let [p, q, r] = [s[10], s[11], s[12]];
-        let up = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
+        let up = [
+            2.0 * (x * z + w * y),
+            2.0 * (y * z - w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ];
         let climb = up[0] * s[3] + up[1] * s[4] + up[2] * s[5];
         let axial = [climb - arm * q, climb + arm * q, climb + arm * p, climb - arm * p];
         let mut thrust = [0.0; 4];
@@ -103,10 +114,10 @@ impl Plain {
 
     fn tick(&mut self) {
         let mut wanted = [0.0; 2];
-        for axis in 0..2 {
+        for (axis, wanted) in wanted.iter_mut().enumerate() {
             let reading = (1.045 * self.state[10 + axis] + 0.05 * self.random.gaussian()).clamp(-34.9, 34.9);
             self.integral[axis] = (self.integral[axis] - reading / 800.0).clamp(-1.0, 1.0);
-            wanted[axis] = 0.0023 / 0.34 * (60.0 * self.integral[axis] - 40.0 * reading);
+            *wanted = 0.0023 / 0.34 * (60.0 * self.integral[axis] - 40.0 * reading);
         }
         let limit = 2.8 * (1.0 - 0.08 * self.strain - 0.03 * (1.0 - self.charge));
         let mut command = [1.2 - wanted[1], 1.2 + wanted[1], 1.2 + wanted[0], 1.2 - wanted[0]];
@@ -135,7 +146,13 @@ impl Flying {
     fn new(name: &str) -> Self {
         let plant = Plant::new(&arena(name), 1, Time::ZERO).expect("the shipped settings fly");
         let vehicles: Vec<u8> = plant.vehicles().collect();
-        let mut flying = Self { plant, vehicles, slot_at: Time::ZERO, counter: 0, bytes: 0 };
+        let mut flying = Self {
+            plant,
+            vehicles,
+            slot_at: Time::ZERO,
+            counter: 0,
+            bytes: 0,
+        };
         flying.run(CommandMode::Disarmed, 5);
         flying.run(CommandMode::Fly, 5);
         flying.lift();
@@ -144,14 +161,16 @@ impl Flying {
 
     fn lift(&mut self) {
         for id in &self.vehicles {
-            self.plant.place(*id, Motion::at_rest(Vector::new(0.0, 0.0, 8.0), 0.0));
+            self.plant
+                .place(*id, Motion::at_rest(Vector::new(0.0, 0.0, 8.0), 0.0));
         }
     }
 
     fn run(&mut self, mode: CommandMode, slots: usize) {
         for _ in 0..slots {
             let bytes = &mut self.bytes;
-            self.plant.advance(self.slot_at, &mut |output| *bytes += output.bytes.len());
+            self.plant
+                .advance(self.slot_at, &mut |output| *bytes += output.bytes.len());
             self.counter = CommandFrame::next_counter(self.counter);
             for id in &self.vehicles {
                 let frame = CommandFrame {
@@ -167,7 +186,11 @@ impl Flying {
                     epoch_low: 0,
                 };
                 let channels = frame.encode(*id).expect("a valid frame");
-                self.plant.receive(self.slot_at, Ports::command_link(*id), &sbus::Frame::new(channels).encode());
+                self.plant.receive(
+                    self.slot_at,
+                    Ports::command_link(*id),
+                    &sbus::Frame::new(channels).encode(),
+                );
             }
             self.slot_at += Span::from_millis(20);
         }
@@ -193,7 +216,10 @@ fn benches(criterion: &mut Criterion) {
             }
         });
     });
-    for (label, scenario) in [("arena, one vehicle", "double-flip"), ("arena, three vehicles", "fleet")] {
+    for (label, scenario) in [
+        ("arena, one vehicle", "double-flip"),
+        ("arena, three vehicles", "fleet"),
+    ] {
         let mut flying = Flying::new(scenario);
         let vehicles = flying.vehicles.len() as u64;
         group.throughput(Throughput::Elements(800 * vehicles));
@@ -206,7 +232,8 @@ fn benches(criterion: &mut Criterion) {
         assert!(flying.bytes > 0);
     }
     let mut standing = Flying::new("double-flip");
-    standing.plant = Plant::new(&arena("double-flip"), 1, standing.slot_at).expect("the shipped settings fly");
+    standing.plant =
+        Plant::new(&arena("double-flip"), 1, standing.slot_at).expect("the shipped settings fly");
     group.throughput(Throughput::Elements(800));
     group.bench_function("arena, one vehicle standing", |bencher| {
         bencher.iter(|| standing.run(CommandMode::Disarmed, 50));

@@ -5,8 +5,8 @@ use settings::PlantSettings;
 
 use crate::random::Stream;
 
-/// Least distance of a rotor from the floor, in radii, that the ground effect is computed for; the formula has a pole
-/// at a quarter.
+/// Least distance of a rotor from the floor, in radii, that the ground effect is computed for; the formula
+/// has a pole at a quarter.
 const GROUND_RADII_MIN: f64 = 0.5;
 
 /// Above so many radii the ground effect is below one in ten thousand and left out.
@@ -48,7 +48,8 @@ impl Air {
         Vector::new(about(rate_rad_s.x), about(rate_rad_s.y), about(rate_rad_s.z))
     }
 
-    /// Factor on a rotor's static thrust while its hub climbs along its axis: linear, never below zero nor above two.
+    /// Factor on a rotor's static thrust while its hub climbs along its axis: linear, never below zero nor
+    /// above two.
     #[must_use]
     pub fn inflow_ratio(&self, axial_m_s: f64) -> f64 {
         (1.0 - self.inflow_loss_s_m * axial_m_s).clamp(0.0, 2.0)
@@ -81,12 +82,18 @@ impl Gusts {
     /// Between two changes; short against any gust and long against a tick.
     pub const STEP: Span = Span::from_millis(10);
 
-    /// Gusts of that strength (one sigma) and correlation time, in their stationary distribution from the start.
+    /// Gusts of that strength (one sigma) and correlation time, in their stationary distribution from the
+    /// start.
     #[must_use]
     pub fn new(gust_m_s2: f64, gust_time_s: f64, mut stream: Stream) -> Self {
         let kept = math::exp(-Self::STEP.as_secs_f64() / gust_time_s);
         let acceleration_m_s2 = draw(&mut stream) * gust_m_s2;
-        Self { acceleration_m_s2, kept, fresh_m_s2: gust_m_s2 * math::sqrt(1.0 - kept * kept), stream }
+        Self {
+            acceleration_m_s2,
+            kept,
+            fresh_m_s2: gust_m_s2 * math::sqrt(1.0 - kept * kept),
+            stream,
+        }
     }
 
     /// The present acceleration.
@@ -97,7 +104,8 @@ impl Gusts {
 
     /// Goes on by [`Gusts::STEP`].
     pub fn advance(&mut self) {
-        self.acceleration_m_s2 = self.acceleration_m_s2 * self.kept + draw(&mut self.stream) * self.fresh_m_s2;
+        self.acceleration_m_s2 =
+            self.acceleration_m_s2 * self.kept + draw(&mut self.stream) * self.fresh_m_s2;
     }
 }
 

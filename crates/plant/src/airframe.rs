@@ -56,11 +56,20 @@ impl Airframe {
         let rotors = Rotors::new(member, core::array::from_fn(|_| build.gaussian()));
         let hover_n = vehicle.airframe.mass_kg * GRAVITY_M_S2 / ROTORS as f64;
         let floor = Floor::new(&truth.floor);
-        let place = Vector::new(member.part.start_x_m, member.part.start_y_m, floor.gear_height_m());
+        let place = Vector::new(
+            member.part.start_x_m,
+            member.part.start_y_m,
+            floor.gear_height_m(),
+        );
         let gust_stream = Stream::new(seed, Purpose::Gust, vehicle.id);
         let mut airframe = Self {
             inverse_mass_1_kg: 1.0 / mass_kg,
-            inertia: Inertia::new(vehicle.airframe.inertia_kg_m2.map(|i| i * truth.body.inertia_ratio)),
+            inertia: Inertia::new(
+                vehicle
+                    .airframe
+                    .inertia_kg_m2
+                    .map(|i| i * truth.body.inertia_ratio),
+            ),
             rotors,
             air: Air::new(truth),
             gusts: Gusts::new(truth.air.gust_m_s2, truth.air.gust_time_s, gust_stream),
@@ -132,7 +141,11 @@ impl Airframe {
         self.roots = Rotors::roots(&thrust_n);
         self.power_ratio = self.rotors.power_ratio(&thrust_n, &self.roots);
         let standing = motion.position_m.z <= self.floor.gear_height_m();
-        self.contact = if standing { Contact::Settling } else { Contact::Free };
+        self.contact = if standing {
+            Contact::Settling
+        } else {
+            Contact::Free
+        };
         self.refresh();
     }
 
@@ -151,7 +164,11 @@ impl Airframe {
     #[must_use]
     pub fn specific_force_m_s2(&self) -> Vector<Body> {
         let up = Vector::new(0.0, 0.0, GRAVITY_M_S2);
-        let felt = if self.contact == Contact::Free { self.load.acceleration_m_s2 + up } else { up };
+        let felt = if self.contact == Contact::Free {
+            self.load.acceleration_m_s2 + up
+        } else {
+            up
+        };
         self.motion.orientation.inverse() * felt
     }
 
@@ -181,7 +198,11 @@ impl Airframe {
                 self.motion = self.flown(self.step_s, &course);
                 if self.floor.reached(&self.motion) {
                     let met = self.floor.touch(&mut self.motion);
-                    self.contact = if met.crashed { Contact::Broken } else { Contact::Settling };
+                    self.contact = if met.crashed {
+                        Contact::Broken
+                    } else {
+                        Contact::Settling
+                    };
                     touchdown = Some(met);
                 }
             }
@@ -218,17 +239,24 @@ impl Airframe {
         let ground = self.ground_ratio();
         let mut first = self.load;
         first.torque_n_m += spin.torque_n_m(Stage::Start, self.motion.rate_rad_s);
-        self.motion.stepped(&self.inertia, step_s, first, |stage, motion| {
-            let thrust_n = if stage == Stage::Middle { &course.middle_n } else { &course.end_n };
-            let mut load = self.load_at(motion, thrust_n, ground);
-            load.torque_n_m += spin.torque_n_m(stage, motion.rate_rad_s);
-            load
-        })
+        self.motion
+            .stepped(&self.inertia, step_s, first, |stage, motion| {
+                let thrust_n = if stage == Stage::Middle {
+                    &course.middle_n
+                } else {
+                    &course.end_n
+                };
+                let mut load = self.load_at(motion, thrust_n, ground);
+                load.torque_n_m += spin.torque_n_m(stage, motion.rate_rad_s);
+                load
+            })
     }
 
     fn load_at(&self, motion: &Motion, static_n: &[f64; ROTORS], ground: f64) -> Load {
         let up = z_axis(motion.orientation);
-        let axial_m_s = self.rotors.axial_m_s(up.dot(motion.velocity_m_s), motion.rate_rad_s);
+        let axial_m_s = self
+            .rotors
+            .axial_m_s(up.dot(motion.velocity_m_s), motion.rate_rad_s);
         let actual_n: [f64; ROTORS] =
             core::array::from_fn(|i| static_n[i] * ground * self.air.inflow_ratio(axial_m_s[i]));
         let collective_m_s2 = actual_n.iter().sum::<f64>() * self.inverse_mass_1_kg;
@@ -238,7 +266,8 @@ impl Airframe {
                 + gravity
                 + self.air.drag_m_s2(motion.velocity_m_s)
                 + self.gusts.acceleration_m_s2(),
-            torque_n_m: self.rotors.torque_n_m(static_n, &actual_n) + self.air.rate_drag_n_m(motion.rate_rad_s),
+            torque_n_m: self.rotors.torque_n_m(static_n, &actual_n)
+                + self.air.rate_drag_n_m(motion.rate_rad_s),
         }
     }
 
@@ -260,11 +289,18 @@ impl Airframe {
 }
 
 impl Spin {
-    /// From the rotors' angular momentum at the three instants; its change follows from the parabola through them, so
-    /// that Runge and Kutta's weights give the whole change exactly.
+    /// From the rotors' angular momentum at the three instants; its change follows from the parabola through
+    /// them, so that Runge and Kutta's weights give the whole change exactly.
     fn new([begin, middle, end]: [f64; 3], step_s: f64) -> Self {
-        let changes = [4.0 * middle - 3.0 * begin - end, end - begin, begin - 4.0 * middle + 3.0 * end];
-        Self { momentum: [begin, middle, end], reaction_n_m: changes.map(|change| -change / step_s) }
+        let changes = [
+            4.0 * middle - 3.0 * begin - end,
+            end - begin,
+            begin - 4.0 * middle + 3.0 * end,
+        ];
+        Self {
+            momentum: [begin, middle, end],
+            reaction_n_m: changes.map(|change| -change / step_s),
+        }
     }
 
     /// Gyroscopic torque of the rotors' momentum, and the reaction to its change.
@@ -315,7 +351,10 @@ mod tests {
             airframe.step();
         }
         let motion = airframe.motion();
-        assert!((motion.position_m - Vector::new(0.0, 0.0, 5.0)).norm() < 1e-9, "{motion:?}");
+        assert!(
+            (motion.position_m - Vector::new(0.0, 0.0, 5.0)).norm() < 1e-9,
+            "{motion:?}"
+        );
         assert!(airframe.specific_force_m_s2().z - GRAVITY_M_S2 < 1e-9);
     }
 
@@ -351,14 +390,25 @@ mod tests {
             airframe.step();
         }
         let climb = (1.0 - 1.0 / 1.1) / 0.04;
-        assert!((airframe.motion().velocity_m_s.z - climb).abs() < 0.002, "{:?}", airframe.motion());
+        assert!(
+            (airframe.motion().velocity_m_s.z - climb).abs() < 0.002,
+            "{:?}",
+            airframe.motion()
+        );
     }
 
     #[test]
     fn more_thrust_behind_pitches_forward_and_flies_forward() {
         let mut airframe = flying(&ideal(), [1.148; 4]);
         for tick in 0..200 {
-            ask(&mut airframe, if tick < 100 { [1.1, 1.196, 1.148, 1.148] } else { [1.148; 4] });
+            ask(
+                &mut airframe,
+                if tick < 100 {
+                    [1.1, 1.196, 1.148, 1.148]
+                } else {
+                    [1.148; 4]
+                },
+            );
             airframe.step();
         }
         assert!(airframe.motion().rate_rad_s.y > 0.1 && airframe.motion().velocity_m_s.x > 0.01);
@@ -381,7 +431,11 @@ mod tests {
         };
         // plant.md has 0.17 Nm from 0.105 N/(m/s) a rotor; here 0.04 of hover thrust is 0.046 N/(m/s).
         let expected = -2.0 * 0.17 * 0.17 * 27.925 * 0.04 * 1.148;
-        assert!((airframe.load.torque_n_m.y - expected).abs() < 1e-9, "{:?}", airframe.load);
+        assert!(
+            (airframe.load.torque_n_m.y - expected).abs() < 1e-9,
+            "{:?}",
+            airframe.load
+        );
     }
 
     #[test]

@@ -24,8 +24,8 @@ pub struct Battery {
 }
 
 impl Battery {
-    /// A battery charged as the settings say, in a vehicle whose hover takes `hover_thrust_ratio` of the greatest
-    /// thrust.
+    /// A battery charged as the settings say, in a vehicle whose hover takes `hover_thrust_ratio` of the
+    /// greatest thrust.
     #[must_use]
     pub fn new(settings: &BatterySettings, hover_thrust_ratio: f64) -> Self {
         let fade_slope = settings.fade_ratio / (settings.knee_ratio + 0.25 * (1.0 - settings.knee_ratio));

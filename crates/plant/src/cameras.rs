@@ -79,24 +79,31 @@ impl Cameras {
         self.first_at + Span::from_secs_f64(self.exposures as f64 / self.settings.rate_hz)
     }
 
-    /// Takes the exposure that is due; `motion` gives each vehicle's true motion at that instant, by fleet index.
-    pub(crate) fn expose(&mut self, motion: impl Fn(usize) -> Motion, faults: &Schedule, outputs: &mut Outputs) {
+    /// Takes the exposure that is due; `motion` gives each vehicle's true motion at that instant, by fleet
+    /// index.
+    pub(crate) fn expose(
+        &mut self,
+        motion: impl Fn(usize) -> Motion,
+        faults: &Schedule,
+        outputs: &mut Outputs,
+    ) {
         let at = self.next_at();
         let index = self.exposures;
         self.exposures += 1;
-        let (mut silent, mut frozen, mut late) = (false, false, Span::ZERO);
+        let (mut silent, mut frozen, mut late, mut offset) = (false, false, Span::ZERO, 0);
         for fault in faults.at(at) {
             match fault {
                 Fault::CamerasSilent => silent = true,
                 Fault::FrozenFrameNumber => frozen = true,
                 Fault::LateFrames { delay } => late = delay,
-                Fault::SlowFrames { one_of } if index % u64::from(one_of.max(1)) != 0 => return,
+                Fault::RenumberedFrames { offset: by } => offset = by,
+                Fault::SlowFrames { one_of } if !index.is_multiple_of(u64::from(one_of.max(1))) => return,
                 _ => {}
             }
         }
         self.frame_number = self.frame_number.wrapping_add(1);
         if !frozen {
-            self.told_number = self.frame_number;
+            self.told_number = self.frame_number.wrapping_add(offset);
         }
         let mut visible = core::mem::take(&mut self.visible);
         visible.clear();
@@ -117,9 +124,20 @@ impl Cameras {
         self.visible = visible;
     }
 
-    fn send(&self, due: Time, at: Time, visible: &[(usize, Shown)], faults: &Schedule, outputs: &mut Outputs) {
+    fn send(
+        &self,
+        due: Time,
+        at: Time,
+        visible: &[(usize, Shown)],
+        faults: &Schedule,
+        outputs: &mut Outputs,
+    ) {
         let mut bytes = [0; DATAGRAM_BYTES];
-        let nothing = Object { name: &[], translation_mm: [0.0; 3], rotation_rad: [0.0; 3] };
+        let nothing = Object {
+            name: &[],
+            translation_mm: [0.0; 3],
+            rotation_rad: [0.0; 3],
+        };
         let mut objects = [nothing; OBJECTS_PER_DATAGRAM];
         let mut rest = visible;
         // A frame without objects is sent too.
@@ -128,7 +146,11 @@ impl Cameras {
             rest = tail;
             for (object, (index, (translation_mm, rotation_rad))) in objects.iter_mut().zip(chunk) {
                 let (translation_mm, rotation_rad) = (*translation_mm, *rotation_rad);
-                *object = Object { name: self.name_of(*index, at, faults), translation_mm, rotation_rad };
+                *object = Object {
+                    name: self.name_of(*index, at, faults),
+                    translation_mm,
+                    rotation_rad,
+                };
             }
             // Names are cut to their field and the buffer holds a full datagram, so this cannot fail.
             if let Ok(length) = vicon::encode(self.told_number, &objects[..chunk.len()], &mut bytes) {
@@ -161,7 +183,13 @@ impl Subject {
     /// The object as it is shown; `None` where it is not.
     fn see(&mut self, motion: &Motion, at: Time, faults: &Schedule) -> Option<Shown> {
         let settings = &self.settings;
-        let mut draw = || [self.stream.gaussian(), self.stream.gaussian(), self.stream.gaussian()];
+        let mut draw = || {
+            [
+                self.stream.gaussian(),
+                self.stream.gaussian(),
+                self.stream.gaussian(),
+            ]
+        };
         let ([x, y, z], [rx, ry, rz]) = (draw(), draw());
         let position_m = motion.position_m + Vector::new(x, y, z) * settings.position_noise_m;
         let turn_rad: Vector<Body> = Vector::new(rx, ry, rz) * settings.attitude_noise_rad;
@@ -242,7 +270,11 @@ mod tests {
                 member.vehicle.plant.camera.dropout_ratio = 0.0;
             }
             let cameras = Cameras::new(&members, 4, Time::ZERO).unwrap();
-            Self { cameras, outputs: Outputs::new(), faults: Schedule::default() }
+            Self {
+                cameras,
+                outputs: Outputs::new(),
+                faults: Schedule::default(),
+            }
         }
 
         fn frames(&mut self, count: usize) -> Vec<Datagrams> {
@@ -256,10 +288,19 @@ mod tests {
                     let [x, y, z] = object.translation_mm;
                     let position = Vector::new(x, y, z) * 1e-3;
                     let shown = (object.translation_mm, object.rotation_rad);
-                    (object.name.to_vec(), position, euler_to_rotation(object.rotation_rad), shown)
+                    (
+                        object.name.to_vec(),
+                        position,
+                        euler_to_rotation(object.rotation_rad),
+                        shown,
+                    )
                 });
                 let objects = objects.collect();
-                sent.push(Datagrams { at: output.at, frame_number: datagram.frame_number, objects });
+                sent.push(Datagrams {
+                    at: output.at,
+                    frame_number: datagram.frame_number,
+                    objects,
+                });
             });
             sent
         }
@@ -297,7 +338,10 @@ mod tests {
             assert_eq!(frame.frame_number, frames[0].frame_number + k as u32);
         }
         assert!(frames.is_sorted_by_key(|frame| frame.at));
-        let delays = frames.iter().enumerate().map(|(k, frame)| frame.at - first - Span::from_millis(5) * k as i64);
+        let delays = frames
+            .iter()
+            .enumerate()
+            .map(|(k, frame)| frame.at - first - Span::from_millis(5) * k as i64);
         let mean = delays.map(Span::as_secs_f64).sum::<f64>() / 2_000.0;
         assert!((mean - 0.0102).abs() < 0.000_03);
     }
@@ -330,12 +374,25 @@ mod tests {
             let frames = bench.frames(4);
             (frames, bench.frames(1))
         };
-        let (frames, after) = during(Fault::Occluded { vehicle: 1, shown: Occlusion::Absent });
-        assert!(frames[..3].iter().all(|frame| frame.objects.len() == 1 && frame.objects[0].0 == b"quad2"));
+        let (frames, after) = during(Fault::Occluded {
+            vehicle: 1,
+            shown: Occlusion::Absent,
+        });
+        assert!(
+            frames[..3]
+                .iter()
+                .all(|frame| frame.objects.len() == 1 && frame.objects[0].0 == b"quad2")
+        );
         assert_eq!(after[0].objects.len(), 2);
-        let (frames, _) = during(Fault::Occluded { vehicle: 1, shown: Occlusion::ZeroPose });
+        let (frames, _) = during(Fault::Occluded {
+            vehicle: 1,
+            shown: Occlusion::ZeroPose,
+        });
         assert_eq!(frames[2].objects[0].3, ([0.0; 3], [0.0; 3]));
-        let (frames, _) = during(Fault::Occluded { vehicle: 2, shown: Occlusion::FrozenPose });
+        let (frames, _) = during(Fault::Occluded {
+            vehicle: 2,
+            shown: Occlusion::FrozenPose,
+        });
         assert_eq!(frames[0].objects[1].3, frames[2].objects[1].3);
         assert_ne!(frames[2].objects[1].3, frames[3].objects[1].3);
         let (frames, _) = during(Fault::SwappedMarkers { vehicle: 1, other: 2 });
@@ -364,12 +421,25 @@ mod tests {
         let before = during(Fault::CamerasSilent, 12);
         assert_eq!(before.len(), 2);
         let frames = during(Fault::FrozenFrameNumber, 12);
-        assert!(frames[..10].iter().all(|frame| frame.frame_number == before[1].frame_number));
+        assert!(
+            frames[..10]
+                .iter()
+                .all(|frame| frame.frame_number == before[1].frame_number)
+        );
         assert_eq!(frames[10].frame_number, before[1].frame_number + 11);
+        let offset = 1_000u32.wrapping_neg();
+        let frames = during(Fault::RenumberedFrames { offset }, 12);
+        assert_eq!(frames[9].frame_number, before[1].frame_number + 22 - 1_000);
+        assert_eq!(frames[10].frame_number, before[1].frame_number + 23);
         let frames = during(Fault::SlowFrames { one_of: 5 }, 12);
         assert_eq!(frames.len(), 4);
         assert_eq!(frames[1].frame_number, frames[0].frame_number + 1);
-        let frames = during(Fault::LateFrames { delay: Span::from_millis(100) }, 12);
+        let frames = during(
+            Fault::LateFrames {
+                delay: Span::from_millis(100),
+            },
+            12,
+        );
         // What was on time again came first.
         assert!(frames[0].frame_number > frames[2].frame_number);
         assert_eq!(frames.len(), 12);

@@ -56,6 +56,11 @@ pub enum Fault {
     CamerasSilent,
     /// Poses go on, the frame number does not.
     FrozenFrameNumber,
+    /// Frames are numbered from elsewhere, as after the vendor's software was restarted.
+    RenumberedFrames {
+        /// Added to the true number, wrapping.
+        offset: u32,
+    },
     /// Only every so many frames is taken, and numbered.
     SlowFrames {
         /// One frame of so many.
@@ -162,7 +167,8 @@ impl Schedule {
     /// Forgets faults that were over well before `now`.
     pub(crate) fn prune(&mut self, now: Time) {
         if !self.faults.is_empty() {
-            self.faults.retain(|scheduled| scheduled.ends + Span::from_secs(10) > now);
+            self.faults
+                .retain(|scheduled| scheduled.ends.saturating_add(Span::from_secs(10)) > now);
         }
     }
 

@@ -1,10 +1,11 @@
 //! The simulated arena: vehicles, rotors, battery, air, cameras and radio links. It speaks device bytes.
 //!
-//! To the bridges [`Plant`] is the hardware: out come the motion-capture system's datagrams and the data-link radio's
-//! serial bytes, in go SBUS bytes for each vehicle's command link and the radio's API frames. On each simulated vehicle
-//! runs the very firmware of the crate `onboard`, on a clock of its own.
+//! To the bridges [`Plant`] is the hardware: out come the motion-capture system's datagrams and the data-link
+//! radio's serial bytes, in go SBUS bytes for each vehicle's command link and the radio's API frames. On each
+//! simulated vehicle runs the very firmware of the crate `onboard`, on a clock of its own.
 //!
-//! * [`rigid_body`], [`rotor`], [`air`], [`battery`], [`floor`] are the physics, put together in [`airframe`];
+//! * [`rigid_body`], [`rotor`], [`air`], [`battery`], [`floor`] are the physics, put together in
+//!   [`airframe`];
 //! * [`imu`] and [`clock`] are what the firmware senses;
 //! * [`cameras`], [`command_link`] and [`data_link`] are what the ground senses and says;
 //! * [`faults`] is what may go wrong, [`truth`] what only a simulator knows.

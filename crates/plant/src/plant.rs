@@ -42,8 +42,9 @@ impl core::error::Error for PlantError {}
 
 /// The simulated hall with everything in it.
 ///
-/// It has no clock: [`Plant::advance`] lets time pass until the instant it is given, and [`Plant::next_event`] tells
-/// until when nothing will come out by itself. The same settings, seed and calls give the same bytes.
+/// It has no clock: [`Plant::advance`] lets time pass until the instant it is given, and
+/// [`Plant::next_event`] tells until when nothing will come out by itself. The same settings, seed and calls
+/// give the same bytes.
 #[derive(Clone, Debug)]
 pub struct Plant {
     now: Time,
@@ -64,7 +65,10 @@ impl Plant {
     /// [`PlantError`].
     pub fn new(arena: &Arena, seed: u64, start: Time) -> Result<Self, PlantError> {
         let vehicles = arena.fleet.iter().enumerate().map(|(index, member)| {
-            let refused = |error| PlantError::Firmware { vehicle: member.vehicle.id, error };
+            let refused = |error| PlantError::Firmware {
+                vehicle: member.vehicle.id,
+                error,
+            };
             SimulatedVehicle::new(member, index, seed, start).map_err(refused)
         });
         Ok(Self {
@@ -84,19 +88,29 @@ impl Plant {
     #[must_use]
     pub fn next_event(&self) -> Time {
         let least_delay = self.data_link.least_down_delay();
-        let telemetry = self.vehicles.iter().map(|vehicle| vehicle.next_tick_at() + least_delay).min();
+        let telemetry = self
+            .vehicles
+            .iter()
+            .map(|vehicle| vehicle.next_tick_at() + least_delay)
+            .min();
         let exposure = self.cameras.next_at();
         let output = self.outputs.next_at().unwrap_or(Time::FAR_FUTURE);
         exposure.min(output).min(telemetry.unwrap_or(Time::FAR_FUTURE))
     }
 
-    /// Lets time pass until `now` and hands out what the devices send until then, in the order of its time. A `now`
-    /// before the last changes nothing.
+    /// Lets time pass until `now` and hands out what the devices send until then, in the order of its time. A
+    /// `now` before the last changes nothing.
     pub fn advance(&mut self, now: Time, out: &mut impl FnMut(DeviceOutput<'_>)) {
         while self.cameras.next_at() <= now {
             let exposure = self.cameras.next_at();
             self.advance_vehicles(exposure);
-            let Self { cameras, vehicles, faults, outputs, .. } = self;
+            let Self {
+                cameras,
+                vehicles,
+                faults,
+                outputs,
+                ..
+            } = self;
             cameras.expose(|index| vehicles[index].motion_at(exposure), faults, outputs);
         }
         self.advance_vehicles(now);
@@ -106,15 +120,32 @@ impl Plant {
     }
 
     fn advance_vehicles(&mut self, now: Time) {
-        let Self { hall, vehicles, data_link, outputs, faults, maneuvers, trajectories, .. } = self;
-        let mut around = Surroundings { hall, faults, data_link, outputs, maneuvers, trajectories };
+        let Self {
+            hall,
+            vehicles,
+            data_link,
+            outputs,
+            faults,
+            maneuvers,
+            trajectories,
+            ..
+        } = self;
+        let mut around = Surroundings {
+            hall,
+            faults,
+            data_link,
+            outputs,
+            maneuvers,
+            trajectories,
+        };
         for vehicle in vehicles {
             vehicle.advance(now, &mut around);
         }
     }
 
     /// Bytes that a bridge hands to a device at `now`: to a vehicle's command-link encoder
-    /// ([`Ports::command_link`]) or to the data link's coordinator ([`Ports::DATA_LINK`]). Other ports lead nowhere.
+    /// ([`Ports::command_link`]) or to the data link's coordinator ([`Ports::DATA_LINK`]). Other ports lead
+    /// nowhere.
     pub fn receive(&mut self, now: Time, port: u16, bytes: &[u8]) {
         if port == Ports::DATA_LINK {
             self.data_link.feed(now, bytes, &self.faults, &mut self.outputs);
@@ -194,7 +225,8 @@ impl Plant {
         core::mem::take(&mut self.trajectories)
     }
 
-    /// Puts a vehicle somewhere, its rotors hovering where that is in the air: for tests that do not want to take off.
+    /// Puts a vehicle somewhere, its rotors hovering where that is in the air: for tests that do not want to
+    /// take off.
     pub fn place(&mut self, vehicle: u8, motion: Motion) {
         if let Some(found) = self.find_mut(vehicle) {
             found.place(motion);

@@ -1,7 +1,7 @@
 //! The plant's own random numbers: one independent, portable stream per purpose and vehicle.
 //!
-//! A draw added for one purpose must not shift any other's, or a small change to the cameras would change every
-//! gust. The generator is xoshiro256++ (Blackman, Vigna 2018), seeded through SplitMix64.
+//! A draw added for one purpose must not shift any other's, or a small change to the cameras would change
+//! every gust. The generator is xoshiro256++ (Blackman, Vigna 2018), seeded through SplitMix64.
 
 use quantity::math;
 
@@ -52,7 +52,9 @@ impl Stream {
         let mut mix = SplitMix { state: seed };
         // Hashed twice, so that neighbouring seeds, purposes and vehicles share nothing.
         mix.state = mix.next() ^ ((purpose as u64) << 8 | u64::from(vehicle));
-        Self { state: core::array::from_fn(|_| mix.next()) }
+        Self {
+            state: core::array::from_fn(|_| mix.next()),
+        }
     }
 
     /// 64 random bits.
@@ -91,8 +93,8 @@ impl Stream {
 
     /// Normally distributed with mean 0 and variance 1.
     ///
-    /// The sum of twelve 16-bit uniform numbers: integer arithmetic alone, so the same bits everywhere, and five
-    /// times as fast as Box and Muller's. Its excess kurtosis is -0.1, and nothing lies beyond 6 sigma.
+    /// The sum of twelve 16-bit uniform numbers: integer arithmetic alone, so the same bits everywhere, and
+    /// five times as fast as Box and Muller's. Its excess kurtosis is -0.1, and nothing lies beyond 6 sigma.
     pub fn gaussian(&mut self) -> f64 {
         const LANES: u64 = 0x0000_FFFF_0000_FFFF;
         let mut sums = 0;
@@ -132,7 +134,12 @@ mod tests {
     #[test]
     fn generators_give_their_published_outputs() {
         let mut stream = Stream { state: [1, 2, 3, 4] };
-        let expected = [41_943_041, 58_720_359, 3_588_806_011_781_223, 3_591_011_842_654_386];
+        let expected = [
+            41_943_041,
+            58_720_359,
+            3_588_806_011_781_223,
+            3_591_011_842_654_386,
+        ];
         assert_eq!(expected.map(|_| stream.bits()), expected);
         assert_eq!(SplitMix { state: 0 }.next(), 0xE220_A839_7B1D_CDAF);
     }

@@ -1,8 +1,8 @@
 //! Four rotors on a plus: front, back, left, right, each with a first-order lag of its thrust.
 //!
-//! The state of a rotor is its *static* thrust: what it would give at its present speed in still air far from the
-//! floor. Inflow and ground effect are factors on that ([`crate::air`]). Between two motor commands the lag has a
-//! closed solution, so the thrusts inside a step are exact and cost no integration.
+//! The state of a rotor is its *static* thrust: what it would give at its present speed in still air far from
+//! the floor. Inflow and ground effect are factors on that ([`crate::air`]). Between two motor commands the
+//! lag has a closed solution, so the thrusts inside a step are exact and cost no integration.
 
 use quantity::{Body, Vector, math};
 use settings::{FleetVehicle, RotorPlantSettings};
@@ -13,8 +13,8 @@ pub const ROTORS: usize = 4;
 /// Greatest motor command.
 pub const COMMAND_MAX: u8 = 200;
 
-/// Which way each rotor turns about the body's z axis: front and back clockwise seen from above, left and right the
-/// other way. The torque of its drag on the body has the opposite sign.
+/// Which way each rotor turns about the body's z axis: front and back clockwise seen from above, left and
+/// right the other way. The torque of its drag on the body has the opposite sign.
 pub const SPIN: [f64; ROTORS] = [-1.0, -1.0, 1.0, 1.0];
 
 /// Static thrust below which a rotor counts as stopped.
@@ -32,7 +32,10 @@ impl Lag {
     #[must_use]
     pub fn over(step_s: f64, gain_up_1_s: f64, gain_down_1_s: f64) -> Self {
         let factors = |gain: f64| [math::exp(-0.5 * gain * step_s), math::exp(-gain * step_s)];
-        Self { up: factors(gain_up_1_s), down: factors(gain_down_1_s) }
+        Self {
+            up: factors(gain_up_1_s),
+            down: factors(gain_down_1_s),
+        }
     }
 }
 
@@ -102,8 +105,9 @@ impl Rotors {
         Lag::over(step_s, self.gain_up_1_s, self.gain_down_1_s)
     }
 
-    /// Static thrust each rotor goes for under motor commands of 0 to 200 steps. Speed is proportional to the command,
-    /// thrust to speed squared, and the battery's voltage limits the speed: `limit_ratio` of full-scale thrust.
+    /// Static thrust each rotor goes for under motor commands of 0 to 200 steps. Speed is proportional to the
+    /// command, thrust to speed squared, and the battery's voltage limits the speed: `limit_ratio` of
+    /// full-scale thrust.
     #[must_use]
     pub fn asked_n(&self, commands: [u8; ROTORS], limit_ratio: f64) -> [f64; ROTORS] {
         core::array::from_fn(|i| {
@@ -117,14 +121,22 @@ impl Rotors {
     #[must_use]
     pub fn course(lag: &Lag, from_n: &[f64; ROTORS], asked_n: &[f64; ROTORS]) -> Course {
         let at = |i: usize, part: usize| {
-            let factor = if asked_n[i] >= from_n[i] { lag.up[part] } else { lag.down[part] };
+            let factor = if asked_n[i] >= from_n[i] {
+                lag.up[part]
+            } else {
+                lag.down[part]
+            };
             asked_n[i] + (from_n[i] - asked_n[i]) * factor
         };
         let end_n = core::array::from_fn(|i| {
             let thrust = at(i, 1);
             if thrust < STOPPED_N { 0.0 } else { thrust }
         });
-        Course { middle_n: core::array::from_fn(|i| at(i, 0)), end_roots: Self::roots(&end_n), end_n }
+        Course {
+            middle_n: core::array::from_fn(|i| at(i, 0)),
+            end_roots: Self::roots(&end_n),
+            end_n,
+        }
     }
 
     /// Torque of the thrusts about the body's axes; `static_n` drags, `actual_n` lifts.
@@ -139,7 +151,12 @@ impl Rotors {
     #[must_use]
     pub fn axial_m_s(&self, body_z_m_s: f64, rate_rad_s: Vector<Body>) -> [f64; ROTORS] {
         let (pitching, rolling) = (self.arm_m * rate_rad_s.y, self.arm_m * rate_rad_s.x);
-        [body_z_m_s - pitching, body_z_m_s + pitching, body_z_m_s + rolling, body_z_m_s - rolling]
+        [
+            body_z_m_s - pitching,
+            body_z_m_s + pitching,
+            body_z_m_s + rolling,
+            body_z_m_s - rolling,
+        ]
     }
 
     /// Square roots of the thrusts, which speed and power follow from.
@@ -179,7 +196,9 @@ mod tests {
         let rotors = Rotors::new(&ideal(), [0.0; 4]);
         let lag = rotors.lag(STEP_S);
         let run = |from: f64, to: f64, steps: usize| {
-            (0..steps).fold([from; 4], |thrust, _| Rotors::course(&lag, &thrust, &[to; 4]).end_n)[0]
+            (0..steps).fold([from; 4], |thrust, _| {
+                Rotors::course(&lag, &thrust, &[to; 4]).end_n
+            })[0]
         };
         // After one time constant 1 - 1/e of the way: 20 ms up, 40 ms down.
         let part = 1.0 - math::exp(-1.0);

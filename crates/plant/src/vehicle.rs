@@ -1,4 +1,5 @@
-//! One simulated vehicle: its physics, its sensors, its clock, and the very firmware that a real one would run.
+//! One simulated vehicle: its physics, its sensors, its clock, and the very firmware that a real one would
+//! run.
 
 use device::vehicle_link::{FlightMode, ManeuverPhase, PAYLOAD_BYTES_MAX};
 use onboard::{Firmware, ImuSample, SettingsError};
@@ -150,11 +151,19 @@ impl SimulatedVehicle {
     fn receive(&mut self, until: Time, around: &mut Surroundings<'_>) {
         loop {
             let command_at = self.command_link.next_at().unwrap_or(Time::FAR_FUTURE);
-            let payload_at = around.data_link.next_up_at(self.index).unwrap_or(Time::FAR_FUTURE);
+            let payload_at = around
+                .data_link
+                .next_up_at(self.index)
+                .unwrap_or(Time::FAR_FUTURE);
             if command_at.min(payload_at) > until {
                 return;
             }
-            let Self { clock, firmware, command_link, .. } = self;
+            let Self {
+                clock,
+                firmware,
+                command_link,
+                ..
+            } = self;
             if command_at <= payload_at {
                 if let Some((at, Some(frame))) = command_link.arrived(until) {
                     firmware.receive_sbus(clock.uptime_at(at), &frame);
@@ -188,13 +197,19 @@ impl SimulatedVehicle {
         self.airframe.command(self.motor_commands);
         let inside = self.airframe.inside(around.hall);
         self.extremes.include(&motion, inside, touchdown.as_ref());
-        if let Some(trajectory) = self.recorder.as_mut().and_then(|recorder| recorder.tick(now, &motion)) {
+        if let Some(trajectory) = self
+            .recorder
+            .as_mut()
+            .and_then(|recorder| recorder.tick(now, &motion))
+        {
             around.trajectories.push(trajectory);
         }
         self.watch_maneuver(now, uptime, before, touchdown, inside, around);
         let mut payload = [0; PAYLOAD_BYTES_MAX];
         while let Some(length) = self.firmware.poll_transmit(uptime, &mut payload) {
-            around.data_link.send_down(self.index, now, &payload[..length], around.faults, around.outputs);
+            around
+                .data_link
+                .send_down(self.index, now, &payload[..length], around.faults, around.outputs);
         }
     }
 
@@ -230,7 +245,9 @@ impl SimulatedVehicle {
                 let part = (ended_at - before_at).as_secs_f64() / (now - before_at).as_secs_f64();
                 let end = between(&before, &motion, part, (now - before_at).as_secs_f64());
                 if let Some(watch) = self.watch.take() {
-                    around.maneuvers.push(watch.end(self.id, ended_at, end, completed));
+                    around
+                        .maneuvers
+                        .push(watch.end(self.id, ended_at, end, completed));
                 }
                 if let Some(recorder) = &mut self.recorder {
                     recorder.end(ended_at);
@@ -248,12 +265,19 @@ impl SimulatedVehicle {
         let mut health_ratio = [1.0; ROTORS];
         for fault in faults.at(now) {
             match fault {
-                Fault::WeakRotor { vehicle, rotor, thrust_ratio } if vehicle == self.id => {
+                Fault::WeakRotor {
+                    vehicle,
+                    rotor,
+                    thrust_ratio,
+                } if vehicle == self.id => {
                     if let Some(health) = health_ratio.get_mut(usize::from(rotor)) {
                         *health = thrust_ratio;
                     }
                 }
-                Fault::GyroBias { vehicle, bias_rad_s: bias } if vehicle == self.id => bias_rad_s += bias,
+                Fault::GyroBias {
+                    vehicle,
+                    bias_rad_s: bias,
+                } if vehicle == self.id => bias_rad_s += bias,
                 Fault::GyroNotANumber { vehicle } if vehicle == self.id => dead = true,
                 _ => {}
             }
@@ -266,7 +290,8 @@ impl SimulatedVehicle {
 
 /// The motion a part of the way from one tick's to the next's.
 fn between(before: &Motion, after: &Motion, part: f64, span_s: f64) -> Motion {
-    // Position by the cubic that has both positions and velocities, the rest linearly: exact to 1e-4 within a tick.
+    // Position by the cubic that has both positions and velocities, the rest linearly: exact to 1e-4 within a
+    // tick.
     let rest = 1.0 - part;
     let (p0, p1) = (before.position_m, after.position_m);
     let (v0, v1) = (before.velocity_m_s * span_s, after.velocity_m_s * span_s);

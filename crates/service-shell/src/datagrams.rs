@@ -14,8 +14,9 @@ use crate::clock::{self, ClockPair};
 use crate::error::During;
 use crate::kernel::{BATCH, Buffers, enable_notes, queue_fill};
 
-/// A datagram that has waited longer than this in the kernel is not delivered: its reader was stopped or starved, and
-/// what it says of the past must not look like news. Longer than any age limit of commands and states.
+/// A datagram that has waited longer than this in the kernel is not delivered: its reader was stopped or
+/// starved, and what it says of the past must not look like news. Longer than any age limit of commands and
+/// states.
 pub const QUEUE_AGE_MAX: Span = Span::from_millis(250);
 
 /// A datagram that was received.
@@ -53,7 +54,8 @@ pub struct DatagramSocket {
 }
 
 impl DatagramSocket {
-    /// Takes over a bound socket; `filtered` says whether a kernel filter is attached. Call within a tokio runtime.
+    /// Takes over a bound socket; `filtered` says whether a kernel filter is attached. Call within a tokio
+    /// runtime.
     ///
     /// # Errors
     /// What the system says.
@@ -89,14 +91,18 @@ impl DatagramSocket {
     /// Takes the next batch without waiting: how many datagrams it has.
     ///
     /// # Errors
-    /// What the system says; a peer that is not listening is no error.
+    /// What the system says; what the network answers to something sent by this socket is no error.
     pub fn take_batch(&mut self) -> io::Result<usize> {
         let before = clock::now();
         let (socket, buffers, mut taken) = (&self.socket, &mut self.buffers, 0);
         let result = socket.try_io(Interest::READABLE, || {
             taken = buffers.receive(socket)?;
             // A batch that is not full has emptied the queue: wait for the kernel's next word.
-            if taken < BATCH { Err(io::ErrorKind::WouldBlock.into()) } else { Ok(()) }
+            if taken < BATCH {
+                Err(io::ErrorKind::WouldBlock.into())
+            } else {
+                Ok(())
+            }
         });
         self.count = taken;
         if taken == BATCH && self.filtered && self.fill != Fill::Overfull {
@@ -116,19 +122,21 @@ impl DatagramSocket {
             };
         }
         match result {
-            Ok(()) => Ok(taken),
-            Err(error) => match error.kind() {
-                // Refused: the answer to something sent by this socket, of which the sender makes what it will.
-                io::ErrorKind::WouldBlock | io::ErrorKind::ConnectionRefused | io::ErrorKind::Interrupted => Ok(taken),
-                _ => Err(error),
-            },
+            Err(error) if error.kind() != io::ErrorKind::WouldBlock && !is_of_the_network(&error) => {
+                Err(error)
+            }
+            _ => Ok(taken),
         }
     }
 
     /// A datagram of the batch.
     #[must_use]
     pub fn datagram(&self, index: usize) -> Datagram<'_> {
-        Datagram { at: self.arrivals[index], from: self.buffers.peer(index), bytes: self.buffers.datagram(index) }
+        Datagram {
+            at: self.arrivals[index],
+            from: self.buffers.peer(index),
+            bytes: self.buffers.datagram(index),
+        }
     }
 
     /// Whether the last batch was full: there may be more.
@@ -140,8 +148,9 @@ impl DatagramSocket {
     /// Datagrams the kernel dropped since the last call because this socket's queue was full.
     ///
     /// Exact without a filter. With one, the kernel counts what the filter refuses as dropped too (Linux,
-    /// `udp_queue_rcv_one_skb`), so its count is believed only from when the queue is found more than half full until
-    /// the first batch after it was emptied: an upper bound then. The sequence numbers that never came are exact.
+    /// `udp_queue_rcv_one_skb`), so its count is believed only from when the queue is found more than half
+    /// full until the first batch after it was emptied: an upper bound then. The sequence numbers that never
+    /// came are exact.
     pub fn take_overflowed(&mut self) -> u64 {
         std::mem::take(&mut self.overflowed)
     }
@@ -153,8 +162,9 @@ impl DatagramSocket {
         let clocks = ClockPair::read();
         for index in 0..self.count {
             let notes = self.buffers.notes(index);
-            self.arrivals[index] =
-                notes.stamp_ns.map_or(clocks.arena, |stamp| clocks.arena_time(stamp, self.empty_at));
+            self.arrivals[index] = notes
+                .stamp_ns
+                .map_or(clocks.arena, |stamp| clocks.arena_time(stamp, self.empty_at));
             if let Some(dropped) = notes.dropped {
                 if !self.filtered || self.fill != Fill::Normal {
                     self.overflowed += u64::from(dropped.wrapping_sub(self.dropped));
@@ -189,20 +199,33 @@ pub fn connect_udp(peer: SocketAddrV4) -> Result<UdpSocket, ShellError> {
     connect().during(|| format!("opening a socket to udp {peer}"))
 }
 
-/// Sends a datagram to a connected peer; one that is not listening is no error, as with any radio.
+/// Sends a datagram to a connected peer; one that is not listening or reachable is no error, as with any
+/// radio.
 ///
 /// # Errors
 /// What the system says.
 pub fn send_udp(socket: &UdpSocket, bytes: &[u8]) -> io::Result<()> {
-    let refused = |error: &io::Error| error.kind() == io::ErrorKind::ConnectionRefused;
     match socket.send(bytes) {
-        // The kernel reports the refusal of an earlier datagram instead of sending this one.
-        Err(error) if refused(&error) => match socket.send(bytes) {
-            Err(error) if !refused(&error) => Err(error),
+        // The kernel reports what became of an earlier datagram instead of sending this one.
+        Err(error) if is_of_the_network(&error) => match socket.send(bytes) {
+            Err(error) if !is_of_the_network(&error) => Err(error),
             _ => Ok(()),
         },
         sent => sent.map(|_| ()),
     }
+}
+
+/// Whether an error is the network's answer to an earlier datagram: it passes.
+fn is_of_the_network(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::ConnectionRefused
+            | io::ErrorKind::ConnectionReset
+            | io::ErrorKind::HostUnreachable
+            | io::ErrorKind::NetworkUnreachable
+            | io::ErrorKind::NetworkDown
+            | io::ErrorKind::Interrupted
+    )
 }
 
 /// Listens on a UDP address. Call within a tokio runtime.

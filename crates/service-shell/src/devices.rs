@@ -1,7 +1,7 @@
 //! Devices: the vendors' cables, at the two bridges.
 //!
-//! What arrives on a cable is handed to the bridge's core as [`DeviceBytes`]; what the core says on its device topic
-//! is handed to the cable of that port. All cables are UDP so far.
+//! What arrives on a cable is handed to the bridge's core as [`DeviceBytes`]; what the core says on its
+//! device topic is handed to the cable of that port. All cables are UDP so far.
 
 use std::io;
 use std::net::{SocketAddrV4, UdpSocket};
@@ -106,7 +106,12 @@ pub(crate) fn open(endpoints: Vec<Endpoint>) -> Result<(Transmitters, Vec<Receiv
                 let what = || format!("opening {}", endpoint.name);
                 let socket = DatagramSocket::new(socket, false).during(what)?;
                 let sender = socket.sender().during(what)?;
-                receivers.push(Receiver { port: endpoint.port, topic, socket, name: endpoint.name.clone() });
+                receivers.push(Receiver {
+                    port: endpoint.port,
+                    topic,
+                    socket,
+                    name: endpoint.name.clone(),
+                });
                 sender
             }
             None => socket,
@@ -125,8 +130,13 @@ impl Transmitters {
         if !published.is_data() || !self.cables.iter().any(|(endpoint, _)| ours(endpoint)) {
             return;
         }
-        let Ok(message) = wire::decode::<DeviceBytes>(published.body) else { return };
-        let cable = self.cables.iter().find(|(endpoint, _)| ours(endpoint) && endpoint.port == message.port);
+        let Ok(message) = wire::decode::<DeviceBytes>(published.body) else {
+            return;
+        };
+        let cable = self
+            .cables
+            .iter()
+            .find(|(endpoint, _)| ours(endpoint) && endpoint.port == message.port);
         let Some((endpoint, socket)) = cable else {
             warn!(port = message.port, "bytes for a device that is not there");
             return;
@@ -147,7 +157,9 @@ impl Receiver {
     }
 
     pub(crate) fn take_batch(&mut self) -> Result<usize, ShellError> {
-        self.socket.take_batch().during(|| format!("receiving from {}", self.name))
+        self.socket
+            .take_batch()
+            .during(|| format!("receiving from {}", self.name))
     }
 
     pub(crate) fn datagram(&self, index: usize) -> Datagram<'_> {

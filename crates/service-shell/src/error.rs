@@ -18,8 +18,8 @@ pub enum ShellError {
     Config(Box<ConfigError>),
     /// The secret cannot be read. Nothing starts without one.
     #[error(
-        "secret file {}: {reason}; nothing starts without a secret: `arena up` makes one, and --secret-file or \
-         FLYARENA_SECRET_FILE names another", path.display()
+        "secret file {}: {reason}; nothing starts without a secret: `arena up` makes one, --secret-file and \
+         FLYARENA_SECRET_FILE name another", path.display()
     )]
     SecretUnreadable {
         /// The file.
@@ -101,6 +101,9 @@ pub trait During<T> {
 
 impl<T, E: Into<io::Error>> During<T> for Result<T, E> {
     fn during(self, what: impl FnOnce() -> String) -> Result<T, ShellError> {
-        self.map_err(|error| ShellError::System { what: what(), source: error.into() })
+        self.map_err(|error| ShellError::System {
+            what: what(),
+            source: error.into(),
+        })
     }
 }

@@ -1,7 +1,7 @@
 //! The kernel's filter: a node wakes only for what it reads.
 //!
-//! A classic BPF program over kind and topic hash. It only spares work: the text of the topic is still compared and
-//! the tag still checked by whoever receives.
+//! A classic BPF program over kind and topic hash. It only spares work: the text of the topic is still
+//! compared and the tag still checked by whoever receives.
 
 use schemas::Topic;
 use socket2::SockFilter;
@@ -35,9 +35,12 @@ const TOPICS_MAX: usize = 200;
 /// The program, or none where everything passes.
 pub(crate) fn program(listen: Listen<'_>) -> Option<Vec<SockFilter>> {
     match listen {
-        Listen::Topics(topics) if topics.len() <= TOPICS_MAX => {
-            Some(instructions(topics).into_iter().map(|(code, yes, no, k)| SockFilter::new(code, yes, no, k)).collect())
-        }
+        Listen::Topics(topics) if topics.len() <= TOPICS_MAX => Some(
+            instructions(topics)
+                .into_iter()
+                .map(|(code, yes, no, k)| SockFilter::new(code, yes, no, k))
+                .collect(),
+        ),
         Listen::Everything | Listen::Topics(_) => None,
     }
 }
@@ -103,12 +106,28 @@ mod tests {
             let (read, unread) = topics::ALL.split_at(count);
             let program = instructions(read);
             for topic in read {
-                assert!(run(&program, &header(Kind::Data, topic.hash)), "{} of {count}", topic.name);
-                assert!(!run(&program, &header(Kind::Schema, topic.hash)), "{} of {count}", topic.name);
+                assert!(
+                    run(&program, &header(Kind::Data, topic.hash)),
+                    "{} of {count}",
+                    topic.name
+                );
+                assert!(
+                    !run(&program, &header(Kind::Schema, topic.hash)),
+                    "{} of {count}",
+                    topic.name
+                );
             }
             for topic in unread {
-                assert!(!run(&program, &header(Kind::Data, topic.hash)), "{} of {count}", topic.name);
-                assert!(run(&program, &header(Kind::SchemaRequest, topic.hash)), "{} of {count}", topic.name);
+                assert!(
+                    !run(&program, &header(Kind::Data, topic.hash)),
+                    "{} of {count}",
+                    topic.name
+                );
+                assert!(
+                    run(&program, &header(Kind::SchemaRequest, topic.hash)),
+                    "{} of {count}",
+                    topic.name
+                );
             }
             assert!(!run(&program, b"FM"));
             assert!(!run(&program, &[]));

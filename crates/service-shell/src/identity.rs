@@ -14,8 +14,8 @@ const INCARNATION_TICK: Duration = Duration::from_millis(100);
 
 /// The incarnation of a program that starts at this wall-clock time: rises by one every 100 ms.
 ///
-/// A wall clock set back would make a restarted node look older than it was, so a supervisor, which knows what it
-/// started before, gives `--incarnation` itself.
+/// A wall clock set back would make a restarted node look older than it was, so a supervisor, which knows
+/// what it started before, gives `--incarnation` itself.
 #[must_use]
 pub fn incarnation_at(wall_ns: i64) -> u32 {
     let since_epoch_ns = wall_ns.saturating_sub(INCARNATION_EPOCH_S * 1_000_000_000);
@@ -35,7 +35,13 @@ pub fn incarnation_now() -> u32 {
 #[must_use]
 pub fn identity(service: &str, domain: Domain, run: u64, incarnation: u32) -> Identity {
     let source = source_of(service);
-    Identity { source, incarnation, domain, run, seed: Seed(run ^ (u64::from(source) << 32 | u64::from(source))) }
+    Identity {
+        source,
+        incarnation,
+        domain,
+        run,
+        seed: Seed(run ^ (u64::from(source) << 32 | u64::from(source))),
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The one module with `unsafe`: what the kernel offers and no safe crate does.
 //!
-//! Three socket options, several datagrams in one system call with the kernel's notes on each (when it came, how many
-//! were dropped), and a descriptor of our own watched by tokio.
+//! Three socket options, several datagrams in one system call with the kernel's notes on each (when it came,
+//! how many were dropped), and a descriptor of our own watched by tokio.
 
 #![allow(
     unsafe_code,
@@ -24,15 +24,21 @@ const CONTROL_BYTES: usize = 128;
 
 // The notes are parsed for the layout of 64-bit Linux.
 const CMSG_HEADER_BYTES: usize = 16;
-const _: () = assert!(size_of::<libc::cmsghdr>() == CMSG_HEADER_BYTES, "service-shell needs 64-bit Linux");
-const _: () = assert!(size_of::<libc::timespec>() == 16, "service-shell needs 64-bit Linux");
+const _: () = assert!(
+    size_of::<libc::cmsghdr>() == CMSG_HEADER_BYTES,
+    "service-shell needs 64-bit Linux"
+);
+const _: () = assert!(
+    size_of::<libc::timespec>() == 16,
+    "service-shell needs 64-bit Linux"
+);
 
 /// Asks the kernel to note on each datagram when it came and how many were dropped before it.
 pub(crate) fn enable_notes(socket: &impl AsFd) -> io::Result<()> {
     for option in [libc::SO_TIMESTAMPNS, libc::SO_RXQ_OVFL] {
         let on: libc::c_int = 1;
-        // SAFETY: the descriptor is borrowed for the call and so is open; `on` is a c_int that outlives the call, and
-        // its size is passed along.
+        // SAFETY: the descriptor is borrowed for the call and so is open; `on` is a c_int that outlives the
+        // call, and its size is passed along.
         let result = unsafe {
             libc::setsockopt(
                 socket.as_fd().as_raw_fd(),
@@ -54,8 +60,8 @@ pub(crate) fn queue_fill(socket: &impl AsFd) -> io::Result<(u32, u32)> {
     // linux/sock_diag.h: SK_MEMINFO_RMEM_ALLOC and SK_MEMINFO_RCVBUF are the first two of nine.
     let mut memory = [0_u32; 9];
     let mut length = size_of_val(&memory) as libc::socklen_t;
-    // SAFETY: the descriptor is borrowed for the call and so is open; the kernel writes at most `length` bytes, which
-    // is the size of `memory`; both outlive the call.
+    // SAFETY: the descriptor is borrowed for the call and so is open; the kernel writes at most `length`
+    // bytes, which is the size of `memory`; both outlive the call.
     let result = unsafe {
         libc::getsockopt(
             socket.as_fd().as_raw_fd(),
@@ -65,22 +71,32 @@ pub(crate) fn queue_fill(socket: &impl AsFd) -> io::Result<(u32, u32)> {
             &raw mut length,
         )
     };
-    if result == 0 { Ok((memory[0], memory[1])) } else { Err(io::Error::last_os_error()) }
+    if result == 0 {
+        Ok((memory[0], memory[1]))
+    } else {
+        Err(io::Error::last_os_error())
+    }
 }
 
-/// A descriptor that wakes the task when it becomes readable. It cannot be exchanged for another while watched.
+/// A descriptor that wakes the task when it becomes readable. It cannot be exchanged for another while
+/// watched.
 #[derive(Debug)]
 pub(crate) struct Watched(AsyncFd<OwnedFd>);
 
 impl Watched {
     /// Call within a tokio runtime.
     pub(crate) fn new(fd: OwnedFd) -> io::Result<Self> {
-        // SAFETY: the OwnedFd is open and moves in here; no method hands it out by value or by exclusive reference, so
-        // it stays open and the same until the AsyncFd is dropped.
-        unsafe { AsyncFd::register_with_interest(fd, Interest::READABLE) }.map(Self).map_err(io::Error::from)
+        // SAFETY: the OwnedFd is open and moves in here; no method hands it out by value or by exclusive
+        // reference, so it stays open and the same until the AsyncFd is dropped.
+        unsafe { AsyncFd::register_with_interest(fd, Interest::READABLE) }
+            .map(Self)
+            .map_err(io::Error::from)
     }
 
-    pub(crate) fn poll_readable(&self, cx: &mut Context<'_>) -> Poll<io::Result<AsyncFdReadyGuard<'_, OwnedFd>>> {
+    pub(crate) fn poll_readable(
+        &self,
+        cx: &mut Context<'_>,
+    ) -> Poll<io::Result<AsyncFdReadyGuard<'_, OwnedFd>>> {
         self.0.poll_read_ready(cx)
     }
 }
@@ -119,7 +135,8 @@ pub(crate) struct Notes {
 impl Buffers {
     pub(crate) fn new() -> Self {
         Self {
-            // Zeroed pages come from the kernel as they are touched: sixteen times 64 KiB cost nothing until used.
+            // Zeroed pages come from the kernel as they are touched: sixteen times 64 KiB cost nothing until
+            // used.
             bytes: vec![0; BATCH * DATAGRAM_BYTES_MAX].into_boxed_slice(),
             control: [Control([0; CONTROL_BYTES]); BATCH],
             peers: [SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, 0); BATCH],
@@ -128,12 +145,19 @@ impl Buffers {
         }
     }
 
-    /// Takes what has come without waiting: the number of datagrams, fewer than [`BATCH`] if there are no more.
+    /// Takes what has come without waiting: the number of datagrams, fewer than [`BATCH`] if there are no
+    /// more.
     pub(crate) fn receive(&mut self, socket: &impl AsFd) -> io::Result<usize> {
         // SAFETY: all three are plain C structs of integers and pointers, for which all zeros are valid.
-        let (mut vectors, mut peers, mut messages): ([libc::iovec; BATCH], [libc::sockaddr_in; BATCH], Headers) =
-            unsafe { (std::mem::zeroed(), std::mem::zeroed(), std::mem::zeroed()) };
-        let slots = self.bytes.chunks_exact_mut(DATAGRAM_BYTES_MAX).zip(&mut self.control);
+        let (mut vectors, mut peers, mut messages): (
+            [libc::iovec; BATCH],
+            [libc::sockaddr_in; BATCH],
+            Headers,
+        ) = unsafe { (std::mem::zeroed(), std::mem::zeroed(), std::mem::zeroed()) };
+        let slots = self
+            .bytes
+            .chunks_exact_mut(DATAGRAM_BYTES_MAX)
+            .zip(&mut self.control);
         let headers = vectors.iter_mut().zip(&mut peers).zip(&mut messages);
         for (((vector, peer), message), (bytes, control)) in headers.zip(slots) {
             vector.iov_base = bytes.as_mut_ptr().cast();
@@ -145,9 +169,9 @@ impl Buffers {
             message.msg_hdr.msg_control = control.0.as_mut_ptr().cast();
             message.msg_hdr.msg_controllen = CONTROL_BYTES;
         }
-        // SAFETY: each header points at one iovec, one address and one control buffer that belong to `self` or this
-        // frame, are disjoint, have the lengths given, and outlive the call; the descriptor is borrowed and so is
-        // open; no timeout is passed.
+        // SAFETY: each header points at one iovec, one address and one control buffer that belong to `self`
+        // or this frame, are disjoint, have the lengths given, and outlive the call; the descriptor is
+        // borrowed and so is open; no timeout is passed.
         let count = unsafe {
             libc::recvmmsg(
                 socket.as_fd().as_raw_fd(),
@@ -157,7 +181,9 @@ impl Buffers {
                 std::ptr::null_mut(),
             )
         };
-        let Ok(count) = usize::try_from(count) else { return Err(io::Error::last_os_error()) };
+        let Ok(count) = usize::try_from(count) else {
+            return Err(io::Error::last_os_error());
+        };
         for (index, (message, peer)) in messages.iter().zip(&peers).take(count).enumerate() {
             self.lengths[index] = (message.msg_len as usize).min(DATAGRAM_BYTES_MAX);
             self.control_lengths[index] = message.msg_hdr.msg_controllen.min(CONTROL_BYTES);
@@ -187,17 +213,25 @@ impl Buffers {
 /// Reads a chain of control messages: length, level, type, data, each entry padded to eight bytes.
 fn parse_notes(mut chain: &[u8]) -> Notes {
     let mut notes = Notes::default();
-    while let (Some(length), Some(level), Some(kind)) = (u64_at(chain, 0), i32_at(chain, 8), i32_at(chain, 12)) {
+    while let (Some(length), Some(level), Some(kind)) =
+        (u64_at(chain, 0), i32_at(chain, 8), i32_at(chain, 12))
+    {
         let length = usize::try_from(length).unwrap_or(usize::MAX);
-        let Some(data) = chain.get(CMSG_HEADER_BYTES..length) else { break };
+        let Some(data) = chain.get(CMSG_HEADER_BYTES..length) else {
+            break;
+        };
         match (level, kind) {
             (libc::SOL_SOCKET, libc::SCM_TIMESTAMPNS) => {
                 if let (Some(seconds), Some(nanos)) = (u64_at(data, 0), u64_at(data, 8)) {
-                    let nanos_since_1970 = (seconds as i64).saturating_mul(1_000_000_000).saturating_add(nanos as i64);
+                    let nanos_since_1970 = (seconds as i64)
+                        .saturating_mul(1_000_000_000)
+                        .saturating_add(nanos as i64);
                     notes.stamp_ns = Some(nanos_since_1970);
                 }
             }
-            (libc::SOL_SOCKET, libc::SO_RXQ_OVFL) => notes.dropped = i32_at(data, 0).map(|count| count as u32),
+            (libc::SOL_SOCKET, libc::SO_RXQ_OVFL) => {
+                notes.dropped = i32_at(data, 0).map(|count| count as u32)
+            }
             _ => {}
         }
         chain = chain.get(length.next_multiple_of(8)..).unwrap_or_default();
@@ -206,11 +240,17 @@ fn parse_notes(mut chain: &[u8]) -> Notes {
 }
 
 fn u64_at(bytes: &[u8], offset: usize) -> Option<u64> {
-    bytes.get(offset..)?.first_chunk().map(|bytes| u64::from_ne_bytes(*bytes))
+    bytes
+        .get(offset..)?
+        .first_chunk()
+        .map(|bytes| u64::from_ne_bytes(*bytes))
 }
 
 fn i32_at(bytes: &[u8], offset: usize) -> Option<i32> {
-    bytes.get(offset..)?.first_chunk().map(|bytes| i32::from_ne_bytes(*bytes))
+    bytes
+        .get(offset..)?
+        .first_chunk()
+        .map(|bytes| i32::from_ne_bytes(*bytes))
 }
 
 #[cfg(test)]
@@ -235,7 +275,10 @@ mod tests {
             entry(libc::SOL_SOCKET, libc::SCM_TIMESTAMPNS, &stamp),
         ]
         .concat();
-        let expected = Notes { stamp_ns: Some(1_700_000_000_020_000_000), dropped: Some(7) };
+        let expected = Notes {
+            stamp_ns: Some(1_700_000_000_020_000_000),
+            dropped: Some(7),
+        };
         assert_eq!(parse_notes(&chain), expected);
     }
 

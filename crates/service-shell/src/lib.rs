@@ -1,8 +1,9 @@
 //! What gives a core its clock, its sockets and its devices.
 //!
-//! A service's `main` is one call, [`run`]. It reads the command line ([`Options`]), the settings, the secret and the
-//! run id ([`Setup`]), makes the node, and drives it until SIGTERM or SIGINT ([`drive`]): a single thread, one call of
-//! the node at a time. Exit code 0 for an orderly end, 1 for a failure, 2 for something asked wrongly.
+//! A service's `main` is one call, [`run`]. It reads the command line ([`Options`]), the settings, the secret
+//! and the run id ([`Setup`]), makes the node, and drives it until SIGTERM or SIGINT ([`drive`]): a single
+//! thread, one call of the node at a time. Exit code 0 for an orderly end, 1 for a failure, 2 for something
+//! asked wrongly.
 //!
 //! Programs that are no cores (simulator, front door) use the parts: [`BusSender`], [`BusReceiver`],
 //! [`DatagramSocket`], [`Timer`], [`Stop`].
@@ -58,7 +59,9 @@ struct CommandLine {
 /// A service's whole `main`: command line in, exit code out.
 #[must_use]
 pub fn run<C: Core>() -> ExitCode {
-    let command = CommandLine::command().name(C::NAME);
+    let command = CommandLine::command()
+        .name(C::NAME)
+        .about("A service of the arena");
     let options = match CommandLine::from_arg_matches(&command.get_matches()) {
         Ok(command_line) => command_line.options,
         Err(error) => error.exit(),

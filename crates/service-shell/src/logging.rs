@@ -1,6 +1,7 @@
 //! Logs: one line per event on standard error.
 //!
-//! Typed events on the bus are the record; a log line is their echo for people, written by the node that emits them.
+//! Typed events on the bus are the record; a log line is their echo for people, written by the node that
+//! emits them.
 
 use std::io::{IsTerminal, stderr};
 
@@ -15,7 +16,10 @@ use tracing_subscriber::EnvFilter;
 pub fn init_logging(filter: &str) {
     let (filter, complaint) = match EnvFilter::try_new(filter) {
         Ok(parsed) => (parsed, None),
-        Err(error) => (EnvFilter::new("info"), Some(format!("--log {filter:?}: {error}; logging `info`"))),
+        Err(error) => (
+            EnvFilter::new("info"),
+            Some(format!("--log {filter:?}: {error}; logging `info`")),
+        ),
     };
     let subscriber = tracing_subscriber::fmt()
         .with_env_filter(filter)
@@ -34,7 +38,9 @@ pub fn echo_event(published: &Published<'_>) {
     if !published.is_data() || *published.topic != topics::NODE_EVENT {
         return;
     }
-    let Ok(event) = wire::decode::<NodeEvent>(published.body) else { return };
+    let Ok(event) = wire::decode::<NodeEvent>(published.body) else {
+        return;
+    };
     let (name, vehicle, detail) = (event.name.as_str(), event.vehicle, event.detail.as_str());
     match event.severity {
         Severity::Info => info!(vehicle, "{name}: {detail}"),

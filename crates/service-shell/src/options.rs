@@ -109,7 +109,9 @@ mod tests {
 
     fn parse(arguments: &[std::ffi::OsString]) -> Options {
         let program = std::ffi::OsString::from("estimator");
-        CommandLine::try_parse_from([program].iter().chain(arguments)).unwrap().options
+        CommandLine::try_parse_from([program].iter().chain(arguments))
+            .unwrap()
+            .options
     }
 
     #[test]
@@ -129,13 +131,23 @@ mod tests {
             ..Options::default()
         };
         let handed_on = parse(&options.to_arguments(0xab, 7));
-        assert_eq!(handed_on, Options { run: Some(0xab), incarnation: Some(7), ..options });
+        assert_eq!(
+            handed_on,
+            Options {
+                run: Some(0xab),
+                incarnation: Some(7),
+                ..options
+            }
+        );
     }
 
     #[test]
     fn a_domain_or_run_that_is_none_is_refused() {
         for arguments in [["--domain", "replay"], ["--run", "xyz"], ["--incarnation", "-1"]] {
-            assert!(CommandLine::try_parse_from(["estimator"].iter().chain(&arguments)).is_err(), "{arguments:?}");
+            assert!(
+                CommandLine::try_parse_from(["estimator"].iter().chain(&arguments)).is_err(),
+                "{arguments:?}"
+            );
         }
     }
 }

@@ -40,7 +40,10 @@ pub fn write_run(path: &Path, run: u64) -> Result<(), ShellError> {
 /// # Errors
 /// No such file, or no id in it.
 pub fn read_run(path: &Path) -> Result<u64, ShellError> {
-    let refuse = |reason: String| ShellError::Run { path: path.to_owned(), reason };
+    let refuse = |reason: String| ShellError::Run {
+        path: path.to_owned(),
+        reason,
+    };
     let text = fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
     parse_run(text.trim()).map_err(refuse)
 }
@@ -54,7 +57,8 @@ pub fn parse_run(text: &str) -> Result<u64, String> {
     if digits.starts_with(['+', '-']) {
         return Err(format!("{text:?} is not a run id of 1 to 16 hexadecimal digits"));
     }
-    u64::from_str_radix(digits, 16).map_err(|_| format!("{text:?} is not a run id of 1 to 16 hexadecimal digits"))
+    u64::from_str_radix(digits, 16)
+        .map_err(|_| format!("{text:?} is not a run id of 1 to 16 hexadecimal digits"))
 }
 
 /// The run file's path.

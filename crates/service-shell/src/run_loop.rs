@@ -51,16 +51,23 @@ pub fn run_with<C: Core>(options: &Options) -> Result<(), ShellError> {
 /// A socket that cannot be opened or read.
 pub fn drive(setup: &Setup, node: &mut dyn AnyNode) -> Result<(), ShellError> {
     let span = info_span!("node", name = node.name());
-    block_on(async {
-        let mut stop = Stop::new(setup.supervised)?;
-        let mut shell = Shell::open(setup, node, devices::endpoints(node.name(), &setup.arena))?;
-        let (domain, run) = (setup.identity.domain.name(), setup.identity.run);
-        info!(domain, run = format!("{run:016x}"), incarnation = setup.identity.incarnation, "started");
-        let reason = shell.serve(node, &mut stop).await?;
-        info!(steps = node.steps(), "ended: {}", reason.name());
-        Ok(())
-    }
-    .instrument(span))
+    block_on(
+        async {
+            let mut stop = Stop::new(setup.supervised)?;
+            let mut shell = Shell::open(setup, node, devices::endpoints(node.name(), &setup.arena))?;
+            let (domain, run) = (setup.identity.domain.name(), setup.identity.run);
+            info!(
+                domain,
+                run = format!("{run:016x}"),
+                incarnation = setup.identity.incarnation,
+                "started"
+            );
+            let reason = shell.serve(node, &mut stop).await?;
+            info!(steps = node.steps(), "ended: {}", reason.name());
+            Ok(())
+        }
+        .instrument(span),
+    )
 }
 
 /// Runs a future on a single-threaded tokio runtime of its own.
@@ -81,6 +88,7 @@ struct Shell {
     devices: Vec<Receiver>,
     outlet: Outlet,
     timer: Timer,
+    opened_at: Time,
     overflowed: u64,
 }
 
@@ -103,14 +111,22 @@ impl Shell {
     fn open(setup: &Setup, node: &dyn AnyNode, endpoints: Vec<Endpoint>) -> Result<Self, ShellError> {
         let (network, domain) = (&setup.arena.network, setup.identity.domain);
         // A bridge's device topics come from its device, not from the bus, where they are its own echo.
-        let topics: Vec<&'static Topic> =
-            node.topics_in().iter().copied().filter(|topic| topic.writer != node.name()).collect();
+        let topics: Vec<&'static Topic> = node
+            .topics_in()
+            .iter()
+            .copied()
+            .filter(|topic| topic.writer != node.name())
+            .collect();
         let (transmitters, devices) = devices::open(endpoints)?;
         Ok(Self {
             bus: BusReceiver::join(network, domain, Listen::Topics(&topics))?,
             devices,
-            outlet: Outlet { bus: BusSender::open(network, domain)?, transmitters },
+            outlet: Outlet {
+                bus: BusSender::open(network, domain)?,
+                transmitters,
+            },
             timer: Timer::new().during(|| "making a timer".to_owned())?,
+            opened_at: clock::now(),
             overflowed: 0,
         })
     }
@@ -121,7 +137,9 @@ impl Shell {
             self.wake_if_due(node);
             self.take_devices(node)?;
             self.take_bus(node)?;
-            self.timer.set(node.deadline()).during(|| "setting the timer".to_owned())?;
+            self.timer
+                .set(node.deadline())
+                .during(|| "setting the timer".to_owned())?;
             if let Some(reason) = self.wait(stop).await? {
                 return Ok(reason);
             }
@@ -152,7 +170,11 @@ impl Shell {
                 polled = device.poll_readable(cx);
             }
         }
-        if polled.is_pending() { self.bus.poll_readable(cx) } else { polled }
+        if polled.is_pending() {
+            self.bus.poll_readable(cx)
+        } else {
+            polled
+        }
     }
 
     /// Does what is due; called between any two datagrams, so that a flood cannot delay a radio slot.
@@ -161,8 +183,9 @@ impl Shell {
         if let Some(deadline) = node.deadline()
             && deadline <= now
         {
-            if now - deadline > PAUSE_SPAN {
-                warn!("was not running for {}", now - deadline);
+            let late = now - deadline.max(self.opened_at);
+            if late > PAUSE_SPAN {
+                warn!("was not running for {late}");
             }
             node.wake(now, &mut |published| self.outlet.put(&published));
         }
@@ -181,11 +204,20 @@ impl Shell {
                     continue;
                 }
                 let Ok(bytes) = Seq::try_from(datagram.bytes.to_vec()) else {
-                    warn!(bytes = datagram.bytes.len(), "a device's datagram is too long, and dropped");
+                    warn!(
+                        bytes = datagram.bytes.len(),
+                        "a device's datagram is too long, and dropped"
+                    );
                     continue;
                 };
-                let message = DeviceBytes { port: receiver.port, at: datagram.at, bytes };
-                node.inject(now, receiver.topic, message, &mut |published| self.outlet.put(&published));
+                let message = DeviceBytes {
+                    port: receiver.port,
+                    at: datagram.at,
+                    bytes,
+                };
+                node.inject(now, receiver.topic, message, &mut |published| {
+                    self.outlet.put(&published)
+                });
             }
             let overflowed = self.devices[device].take_overflowed();
             self.note_overflow(node, overflowed);
@@ -220,7 +252,10 @@ impl Shell {
         node.overflowed(datagrams);
         // Whenever the count doubles: a stall of seconds is a few lines.
         if before.checked_ilog2() != self.overflowed.checked_ilog2() {
-            warn!(datagrams = self.overflowed, "too slow: datagrams were dropped or too old when read");
+            warn!(
+                datagrams = self.overflowed,
+                "too slow: datagrams were dropped or too old when read"
+            );
         }
     }
 }

@@ -39,6 +39,12 @@ impl Setup {
         };
         let incarnation = options.incarnation.unwrap_or_else(incarnation_now);
         let identity = identity(service, Domain::from(options.domain), run, incarnation);
-        Ok(Self { arena, secret, identity, started_at: clock::now(), supervised: options.supervised })
+        Ok(Self {
+            arena,
+            secret,
+            identity,
+            started_at: clock::now(),
+            supervised: options.supervised,
+        })
     }
 }

@@ -82,3 +82,32 @@ impl Stop {
         (now - orphaned_at >= ORPHAN_SPAN).then_some(StopReason::Orphaned)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_orphan_lands_its_vehicles_before_it_ends() {
+        crate::block_on(async {
+            let start = Time::ZERO + Span::from_secs(100);
+            let mut stop = Stop::new(true)?;
+            assert_eq!(stop.check_supervisor(start), None, "its parent lives");
+            // Its own id is certainly not its parent's.
+            stop.supervisor = Some(rustix::process::getpid());
+            assert_eq!(stop.check_supervisor(start), None);
+            assert_eq!(
+                stop.check_supervisor(start + ORPHAN_SPAN - Span::from_nanos(1)),
+                None
+            );
+            assert_eq!(
+                stop.check_supervisor(start + ORPHAN_SPAN),
+                Some(StopReason::Orphaned)
+            );
+            let mut alone = Stop::new(false)?;
+            assert_eq!(alone.check_supervisor(start), None);
+            Ok(())
+        })
+        .unwrap();
+    }
+}

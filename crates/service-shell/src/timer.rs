@@ -1,7 +1,7 @@
 //! Waking at an instant of the arena's clock.
 //!
-//! A timerfd on an absolute schedule, since tokio's own timer counts in milliseconds: at 1 kHz its median is a
-//! millisecond late, the kernel's timer some tens of microseconds.
+//! A timerfd on an absolute schedule, since tokio's own timer counts in milliseconds: at 1 kHz its median is
+//! a millisecond late, the kernel's timer some tens of microseconds.
 
 use std::io;
 use std::task::{Context, Poll, ready};
@@ -14,7 +14,10 @@ use rustix::time::{
 use crate::clock;
 use crate::kernel::Watched;
 
-const NEVER: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
+const NEVER: Timespec = Timespec {
+    tv_sec: 0,
+    tv_nsec: 0,
+};
 
 /// One alarm.
 #[derive(Debug)]
@@ -29,8 +32,14 @@ impl Timer {
     /// # Errors
     /// What the system says.
     pub fn new() -> io::Result<Self> {
-        let fd = timerfd_create(TimerfdClockId::Monotonic, TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC)?;
-        Ok(Self { fd: Watched::new(fd)?, set_to: None })
+        let fd = timerfd_create(
+            TimerfdClockId::Monotonic,
+            TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC,
+        )?;
+        Ok(Self {
+            fd: Watched::new(fd)?,
+            set_to: None,
+        })
     }
 
     /// Sets or clears the alarm; an instant that has passed rings at once.
@@ -42,7 +51,10 @@ impl Timer {
             return Ok(());
         }
         let value = at.map_or(NEVER, clock::timespec);
-        let setting = Itimerspec { it_interval: NEVER, it_value: value };
+        let setting = Itimerspec {
+            it_interval: NEVER,
+            it_value: value,
+        };
         timerfd_settime(&self.fd, TimerfdTimerFlags::ABSTIME, &setting)?;
         self.set_to = at;
         Ok(())

@@ -35,7 +35,11 @@ impl AttitudeFilter {
         };
         let (tilt_damping, yaw_damping) = model.rate_damping_1_s();
         let commanded = |damping| {
-            growth(damping, noise.angular_disturbance_rad_s2, noise.angular_disturbance_time_s)
+            growth(
+                damping,
+                noise.angular_disturbance_rad_s2,
+                noise.angular_disturbance_time_s,
+            )
         };
         let angular = noise.unknown_angular_rad_s2;
         let rate = 1.5 * noise.attitude_rad / span_s + 0.5 * angular * span_s;

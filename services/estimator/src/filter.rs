@@ -97,7 +97,11 @@ impl Filter {
             if motion.resting {
                 motion.thrust_n = [0.0; 4];
             } else {
-                model.explain(motion, motion.acceleration_m_s2, motion.angular_acceleration_rad_s2);
+                model.explain(
+                    motion,
+                    motion.acceleration_m_s2,
+                    motion.angular_acceleration_rad_s2,
+                );
             }
             motion.disturbance_m_s2 = Vector::ZERO;
             motion.angular_disturbance_rad_s2 = Vector::ZERO;
@@ -118,7 +122,13 @@ impl Filter {
             acceleration_1_s: self.translation.decay_1_s(self.regime),
             angular_1_s: self.attitude.decay_1_s(self.regime),
         };
-        Path { model, commands, regime: self.regime, decay, step }
+        Path {
+            model,
+            commands,
+            regime: self.regime,
+            decay,
+            step,
+        }
     }
 
     /// Moves state and uncertainty on to a later instant.
@@ -130,7 +140,8 @@ impl Filter {
         let path = self.path(model, commands, step);
         path.carry(&mut self.motion, self.at, at);
         self.translation.grow(self.regime, span_s);
-        self.attitude.grow(self.regime, self.motion.kinematics.rate_rad_s, span_s);
+        self.attitude
+            .grow(self.regime, self.motion.kinematics.rate_rad_s, span_s);
         self.at = at;
     }
 
@@ -189,9 +200,15 @@ impl Filter {
         self.motion.is_finite() && self.translation.is_sound() && self.attitude.is_sound()
     }
 
-    /// One sigma of velocity and body rate, per axis.
+    /// One sigma per axis of position, velocity, attitude and body rate.
     #[cfg(test)]
-    pub fn rate_sigmas(&self) -> (f64, f64) {
-        (self.translation.velocity_sigma_m_s(), self.attitude.rate_sigma_rad_s())
+    pub fn sigmas(&self) -> [f64; 4] {
+        let (translation, attitude) = (&self.translation, &self.attitude);
+        [
+            translation.position_sigma_m(),
+            translation.velocity_sigma_m_s(),
+            attitude.attitude_sigma_rad(),
+            attitude.rate_sigma_rad_s(),
+        ]
     }
 }

@@ -148,7 +148,11 @@ impl Gate {
         let margin = tuning.hall_margin_m;
         Self {
             tuning: tuning.clone(),
-            reach_m: Vector::new(0.5 * hall.width_m + margin, 0.5 * hall.depth_m + margin, hall.height_m + margin),
+            reach_m: Vector::new(
+                0.5 * hall.width_m + margin,
+                0.5 * hall.depth_m + margin,
+                hall.height_m + margin,
+            ),
             floor_height_m,
             anywhere,
             newest: None,
@@ -247,7 +251,9 @@ impl Gate {
         refusal: Refusal,
     ) -> Verdict {
         let gap = Span::from_secs_f64(self.tuning.reacquire_gap_s);
-        let joined = self.run.filter(|run| pose.at - run.last.at <= gap && self.continues(pose, &run.last).is_ok());
+        let joined = self
+            .run
+            .filter(|run| pose.at - run.last.at <= gap && self.continues(pose, &run.last).is_ok());
         let swapped = self.looks_swapped(pose, belief, neighbours);
         let run = match joined {
             Some(run) => Run {
@@ -268,7 +274,10 @@ impl Gate {
         self.run = Some(run);
         if run.frames >= self.tuning.reacquire_frames && !run.suspect && self.may_restart(&run, belief) {
             self.run = None;
-            return Verdict::Restart { previous: run.previous, last: run.last };
+            return Verdict::Restart {
+                previous: run.previous,
+                last: run.last,
+            };
         }
         Verdict::Refuse(if run.suspect { Refusal::Swapped } else { refusal })
     }
@@ -327,7 +336,12 @@ mod tests {
     const FRAME: Span = Span::from_millis(5);
 
     fn gate() -> Gate {
-        Gate::new(&GateTuning::default(), &testing::arena(1).hall, 0.07, Span::from_secs(10))
+        Gate::new(
+            &GateTuning::default(),
+            &testing::arena(1).hall,
+            0.07,
+            Span::from_secs(10),
+        )
     }
 
     fn pose(frame: i64, x: f64, turn: Vector<Body>) -> Pose {
@@ -348,24 +362,39 @@ mod tests {
     }
 
     fn belief(pose: Pose) -> Belief {
-        Belief { pose, valid: true, turning: false }
+        Belief {
+            pose,
+            valid: true,
+            turning: false,
+        }
     }
 
     /// A gate that believes the pose of frame 0, shown one of frame 1 when that of frame 0 was expected.
     fn after_one_frame(x: f64, turn: Vector<Body>) -> Verdict {
         let before = pose(0, 0.0, Vector::ZERO);
-        gate().judge(&pose(1, x, turn), Some(&expect(&before)), Some(&belief(before)), &[])
+        gate().judge(
+            &pose(1, x, turn),
+            Some(&expect(&before)),
+            Some(&belief(before)),
+            &[],
+        )
     }
 
     #[test]
     fn table_of_single_frames() {
         let refused = |verdict, refusal| assert_eq!(verdict, Verdict::Refuse(refusal));
-        assert!(matches!(after_one_frame(0.01, Vector::new(0.1, 0.0, 0.0)), Verdict::Accept { .. }));
+        assert!(matches!(
+            after_one_frame(0.01, Vector::new(0.1, 0.0, 0.0)),
+            Verdict::Accept { .. }
+        ));
         refused(after_one_frame(0.16, Vector::ZERO), Refusal::JumpOfPosition);
         refused(after_one_frame(0.10, Vector::ZERO), Refusal::InnovationOfPosition);
         for quarter_or_third in [PI / 2.0, 2.0 * PI / 3.0, PI] {
             for axis in [Vector::new(1.0, 0.0, 0.0), Vector::new(0.0, 1.0, 0.0), Vector::Z] {
-                refused(after_one_frame(0.0, axis * quarter_or_third), Refusal::JumpOfAttitude);
+                refused(
+                    after_one_frame(0.0, axis * quarter_or_third),
+                    Refusal::JumpOfAttitude,
+                );
             }
         }
         refused(after_one_frame(6.1, Vector::ZERO), Refusal::Absurd);
@@ -384,27 +413,55 @@ mod tests {
     #[test]
     fn zero_and_frozen_poses_are_no_poses() {
         let mut gate = gate();
-        let nowhere = Pose { position_m: Vector::ZERO, ..pose(0, 0.0, Vector::ZERO) };
-        assert_eq!(gate.judge(&nowhere, None, None, &[]), Verdict::Refuse(Refusal::Absurd));
+        let nowhere = Pose {
+            position_m: Vector::ZERO,
+            ..pose(0, 0.0, Vector::ZERO)
+        };
+        assert_eq!(
+            gate.judge(&nowhere, None, None, &[]),
+            Verdict::Refuse(Refusal::Absurd)
+        );
         let first = pose(1, 1.0, Vector::ZERO);
-        let again = Pose { at: first.at + FRAME, ..first };
-        assert!(matches!(gate.judge(&first, Some(&expect(&first)), Some(&belief(first)), &[]), Verdict::Accept { .. }));
+        let again = Pose {
+            at: first.at + FRAME,
+            ..first
+        };
+        assert!(matches!(
+            gate.judge(&first, Some(&expect(&first)), Some(&belief(first)), &[]),
+            Verdict::Accept { .. }
+        ));
         let verdict = gate.judge(&again, Some(&expect(&first)), Some(&belief(first)), &[]);
         assert_eq!(verdict, Verdict::Refuse(Refusal::Frozen));
-        let parked = Pose { position_m: Vector::new(1.0, 0.0, 0.04), ..first };
+        let parked = Pose {
+            position_m: Vector::new(1.0, 0.0, 0.04),
+            ..first
+        };
         for k in 0..8 {
-            let parked = Pose { at: parked.at + FRAME * k, ..parked };
+            let parked = Pose {
+                at: parked.at + FRAME * k,
+                ..parked
+            };
             let verdict = gate.judge(&parked, Some(&expect(&parked)), Some(&belief(parked)), &[]);
-            assert!(matches!(verdict, Verdict::Accept { .. }), "on the floor nothing moves");
+            assert!(
+                matches!(verdict, Verdict::Accept { .. }),
+                "on the floor nothing moves"
+            );
         }
     }
 
     /// Shows frames 1.. of `at(frame)` to a gate that believes in standing still; at which frame it restarted.
-    fn restarts(valid: impl Fn(i64) -> bool, neighbours: &[Neighbour], at: impl Fn(i64) -> Pose) -> Option<i64> {
+    fn restarts(
+        valid: impl Fn(i64) -> bool,
+        neighbours: &[Neighbour],
+        at: impl Fn(i64) -> Pose,
+    ) -> Option<i64> {
         let before = pose(0, 0.0, Vector::ZERO);
         let mut gate = gate();
         (1..400).find(|&frame| {
-            let belief = Belief { valid: valid(frame), ..belief(before) };
+            let belief = Belief {
+                valid: valid(frame),
+                ..belief(before)
+            };
             let verdict = gate.judge(&at(frame), Some(&expect(&before)), Some(&belief), neighbours);
             matches!(verdict, Verdict::Restart { .. })
         })
@@ -436,7 +493,10 @@ mod tests {
     #[test]
     fn a_lasting_swap_is_never_believed() {
         for separation in [0.3, 1.0, 3.0] {
-            let other = |tracked| Neighbour { position_m: Vector::new(separation, 0.0, 4.0), tracked };
+            let other = |tracked| Neighbour {
+                position_m: Vector::new(separation, 0.0, 4.0),
+                tracked,
+            };
             for neighbour in [other(true), other(false)] {
                 let frame = restarts(|k| k < 20, &[neighbour], |k| pose(k, separation, Vector::ZERO));
                 assert_eq!(frame, None, "{separation} m");

@@ -81,7 +81,10 @@ impl Core for Estimator {
             .iter()
             .map(|member| {
                 let vehicle = &member.vehicle;
-                (vehicle.id, VehicleEstimator::new(arena, vehicle, &tuning, start.at))
+                (
+                    vehicle.id,
+                    VehicleEstimator::new(arena, vehicle, &tuning, start.at),
+                )
             })
             .collect();
         Ok(Self {
@@ -94,7 +97,10 @@ impl Core for Estimator {
     }
 
     fn deadline(&self) -> Option<Time> {
-        self.vehicles.iter().map(|(_, vehicle)| vehicle.publish_at()).min()
+        self.vehicles
+            .iter()
+            .map(|(_, vehicle)| vehicle.publish_at())
+            .min()
     }
 
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
@@ -122,7 +128,10 @@ impl Core for Estimator {
 
 impl Estimator {
     fn vehicle(&mut self, id: u8) -> Option<&mut VehicleEstimator> {
-        self.vehicles.iter_mut().find(|(known, _)| *known == id).map(|(_, vehicle)| vehicle)
+        self.vehicles
+            .iter_mut()
+            .find(|(known, _)| *known == id)
+            .map(|(_, vehicle)| vehicle)
     }
 
     fn frame(&mut self, now: Time, frame: &MocapFrame, out: &mut Outbox<Output>) {
@@ -137,19 +146,29 @@ impl Estimator {
         // Where everybody is, before this frame moves anybody.
         let alone = self.vehicles.len() == 1;
         if !alone {
-            let neighbours =
-                self.vehicles.iter().map(|(_, vehicle)| vehicle.as_neighbour(now, frame.exposed_at));
+            let neighbours = self
+                .vehicles
+                .iter()
+                .map(|(_, vehicle)| vehicle.as_neighbour(now, frame.exposed_at));
             self.neighbours.clear();
             self.neighbours.extend(neighbours);
         }
         for body in frame.bodies.iter() {
-            let Some(index) = self.vehicles.iter().position(|(id, _)| *id == body.vehicle) else { continue };
+            let Some(index) = self.vehicles.iter().position(|(id, _)| *id == body.vehicle) else {
+                continue;
+            };
             self.others.clear();
             if !alone {
-                let others = self.neighbours.iter().enumerate().filter(|(other, _)| *other != index);
+                let others = self
+                    .neighbours
+                    .iter()
+                    .enumerate()
+                    .filter(|(other, _)| *other != index);
                 self.others.extend(others.filter_map(|(_, neighbour)| *neighbour));
             }
-            self.vehicles[index].1.pose(now, frame.exposed_at, body, &self.others, out);
+            self.vehicles[index]
+                .1
+                .pose(now, frame.exposed_at, body, &self.others, out);
         }
     }
 }

@@ -10,6 +10,7 @@ use schemas::Kinematics;
 use settings::Vehicle;
 
 use crate::commands::Drive;
+use crate::tuning::ModelTuning;
 
 /// How a vehicle moves on between two poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,6 +91,7 @@ pub(crate) struct Model {
     drag_torque_m: f64,
     rate_gain_1_s: f64,
     yaw_gain_1_s: f64,
+    yaw_thrust_n_max: f64,
     floor_height_m: f64,
     /// Thrust had by thrust asked, learned.
     pub thrust_ratio: f64,
@@ -104,7 +106,7 @@ const RESTING_RATIO: f64 = 0.95;
 
 impl Model {
     /// The vehicle of the settings, with nothing learned yet.
-    pub fn new(vehicle: &Vehicle, floor_height_m: f64) -> Self {
+    pub fn new(vehicle: &Vehicle, tuning: &ModelTuning) -> Self {
         Self {
             mass_kg: vehicle.airframe.mass_kg,
             arm_m: vehicle.airframe.arm_m,
@@ -116,7 +118,8 @@ impl Model {
             drag_torque_m: vehicle.rotor.drag_torque_m,
             rate_gain_1_s: vehicle.rate_loop.flight_p_1_s,
             yaw_gain_1_s: vehicle.rate_loop.yaw_p_1_s,
-            floor_height_m,
+            yaw_thrust_n_max: tuning.yaw_thrust_n_max,
+            floor_height_m: tuning.floor_height_m,
             thrust_ratio: 1.0,
             drag_1_s: 0.0,
         }
@@ -173,7 +176,8 @@ impl Model {
         let middle_rate = k.rate_rad_s + angular * (0.5 * step_s);
         k.rate_rad_s += angular * step_s;
         k.orientation = turned_little(k.orientation, middle_rate * step_s);
-        motion.disturbance_m_s2 = motion.disturbance_m_s2 * (1.0 - (decay.acceleration_1_s * step_s).min(1.0));
+        motion.disturbance_m_s2 =
+            motion.disturbance_m_s2 * (1.0 - (decay.acceleration_1_s * step_s).min(1.0));
         motion.angular_disturbance_rad_s2 =
             motion.angular_disturbance_rad_s2 * (1.0 - (decay.angular_1_s * step_s).min(1.0));
     }
@@ -181,7 +185,10 @@ impl Model {
     /// Turns the rotors by what the firmware makes of the command; acceleration and angular acceleration meanwhile.
     fn commanded(&self, motion: &mut Motion, drive: Drive, step_s: f64) -> (Vector<World>, Vector<Body>) {
         let (collective, wanted_rate) = match drive {
-            Drive::Fly { collective_m_s2, rate_rad_s } => (collective_m_s2, rate_rad_s),
+            Drive::Fly {
+                collective_m_s2,
+                rate_rad_s,
+            } => (collective_m_s2, rate_rad_s),
             // Motors off is obeyed on the floor only; elsewhere, and without commands, the vehicle keeps its height.
             Drive::Off if motion.kinematics.position_m.z < self.floor_height_m => (0.0, Vector::ZERO),
             Drive::Off | Drive::Silent => (GRAVITY_M_S2 / self.thrust_ratio, Vector::ZERO),
@@ -194,8 +201,17 @@ impl Model {
         let roll = 0.5 * ix * self.rate_gain_1_s * error.x / self.arm_m;
         let pitch = 0.5 * iy * self.rate_gain_1_s * error.y / self.arm_m;
         let yaw = 0.25 * iz * self.yaw_gain_1_s * error.z / self.drag_torque_m;
-        let wanted = [each - pitch + yaw, each + pitch + yaw, each + roll - yaw, each - roll - yaw];
-        let (up, down) = (approach(self.gain_up_1_s * step_s), approach(self.gain_down_1_s * step_s));
+        let yaw = yaw.clamp(-self.yaw_thrust_n_max, self.yaw_thrust_n_max);
+        let wanted = [
+            each - pitch + yaw,
+            each + pitch + yaw,
+            each + roll - yaw,
+            each - roll - yaw,
+        ];
+        let (up, down) = (
+            approach(self.gain_up_1_s * step_s),
+            approach(self.gain_down_1_s * step_s),
+        );
         let mut middle = [0.0; 4];
         for ((thrust, wanted), middle) in motion.thrust_n.iter_mut().zip(wanted).zip(&mut middle) {
             let wanted = wanted.clamp(self.thrust_n_min, self.thrust_n_max);
@@ -238,7 +254,10 @@ fn rest(motion: &mut Motion, step_s: f64) {
 
 /// As [`Rotation::turned`] for turns below a fifth of a radian, without trigonometry; the length drifts by less
 /// than 1e-8 per turn and is restored by [`Rotation::renormalised`] where a path of turns ends.
-pub(crate) fn turned_little(orientation: Rotation<Body, World>, turn_rad: Vector<Body>) -> Rotation<Body, World> {
+pub(crate) fn turned_little(
+    orientation: Rotation<Body, World>,
+    turn_rad: Vector<Body>,
+) -> Rotation<Body, World> {
     let half = turn_rad * 0.5;
     let square = half.dot(half);
     if square > 0.01 {
@@ -256,14 +275,20 @@ mod tests {
     use super::*;
     use crate::testing;
 
-    const DECAY: Decay = Decay { acceleration_1_s: 1.0, angular_1_s: 20.0 };
+    const DECAY: Decay = Decay {
+        acceleration_1_s: 1.0,
+        angular_1_s: 20.0,
+    };
 
     fn model() -> Model {
-        Model::new(&testing::vehicle(), 0.07)
+        Model::new(&testing::vehicle(), &ModelTuning::default())
     }
 
     fn hovering(model: &Model, height_m: f64) -> Motion {
-        let mut motion = Motion::new(Kinematics { position_m: Vector::new(0.0, 0.0, height_m), ..Kinematics::default() });
+        let mut motion = Motion::new(Kinematics {
+            position_m: Vector::new(0.0, 0.0, height_m),
+            ..Kinematics::default()
+        });
         model.explain(&mut motion, Vector::ZERO, Vector::ZERO);
         motion
     }
@@ -271,7 +296,11 @@ mod tests {
     #[test]
     fn little_turns_are_turns() {
         let start = Rotation::from_yaw_pitch_roll(0.4, -0.9, 2.0);
-        for turn in [Vector::new(0.1, 0.0, -0.05), Vector::new(1e-9, 0.0, 0.0), Vector::new(0.0, 0.7, 0.3)] {
+        for turn in [
+            Vector::new(0.1, 0.0, -0.05),
+            Vector::new(1e-9, 0.0, 0.0),
+            Vector::new(0.0, 0.7, 0.3),
+        ] {
             let exact = start.turned(turn);
             let little = turned_little(start, turn);
             assert!(exact.angle_to(little.renormalised()) < 1e-9, "{turn:?}");
@@ -282,25 +311,37 @@ mod tests {
     fn hover_stays_and_rates_are_reached() {
         let model = model();
         let mut motion = hovering(&model, 4.0);
-        let hover = Drive::Fly { collective_m_s2: GRAVITY_M_S2, rate_rad_s: Vector::ZERO };
+        let hover = Drive::Fly {
+            collective_m_s2: GRAVITY_M_S2,
+            rate_rad_s: Vector::ZERO,
+        };
         for _ in 0..400 {
             model.advance(&mut motion, Regime::Commanded, hover, &DECAY, 0.0025);
         }
         assert!((motion.kinematics.position_m.z - 4.0).abs() < 1e-9);
-        let turn = Drive::Fly { collective_m_s2: GRAVITY_M_S2, rate_rad_s: Vector::new(0.0, 1.0, 0.2) };
+        let turn = Drive::Fly {
+            collective_m_s2: GRAVITY_M_S2,
+            rate_rad_s: Vector::new(0.0, 1.0, 0.2),
+        };
         for _ in 0..200 {
             model.advance(&mut motion, Regime::Commanded, turn, &DECAY, 0.0025);
         }
         let rate = motion.kinematics.rate_rad_s;
         assert!((rate - Vector::new(0.0, 1.0, 0.2)).norm() < 0.02, "{rate:?}");
-        assert!(motion.kinematics.orientation.z_axis().x > 0.3, "positive pitch tips the thrust toward +x");
+        assert!(
+            motion.kinematics.orientation.z_axis().x > 0.3,
+            "positive pitch tips the thrust toward +x"
+        );
     }
 
     #[test]
     fn torque_is_what_the_rotors_can_give() {
         let model = model();
         let mut motion = hovering(&model, 4.0);
-        let jerk = Drive::Fly { collective_m_s2: GRAVITY_M_S2, rate_rad_s: Vector::new(1000.0, 0.0, 0.0) };
+        let jerk = Drive::Fly {
+            collective_m_s2: GRAVITY_M_S2,
+            rate_rad_s: Vector::new(1000.0, 0.0, 0.0),
+        };
         for _ in 0..600 {
             model.advance(&mut motion, Regime::Commanded, jerk, &DECAY, 0.0005);
         }
@@ -311,7 +352,10 @@ mod tests {
     #[test]
     fn steps_of_any_size_agree() {
         let model = model();
-        let drive = Drive::Fly { collective_m_s2: 12.0, rate_rad_s: Vector::new(2.0, -3.0, 0.5) };
+        let drive = Drive::Fly {
+            collective_m_s2: 12.0,
+            rate_rad_s: Vector::new(2.0, -3.0, 0.5),
+        };
         let fly = |step_s: f64, steps: u32| {
             let mut motion = hovering(&model, 4.0);
             for _ in 0..steps {
@@ -320,7 +364,11 @@ mod tests {
             motion.kinematics
         };
         let (coarse, fine) = (fly(0.0025, 24), fly(0.0001, 600));
-        assert!((coarse.position_m - fine.position_m).norm() < 2e-4, "{:?}", coarse.position_m - fine.position_m);
+        assert!(
+            (coarse.position_m - fine.position_m).norm() < 2e-4,
+            "{:?}",
+            coarse.position_m - fine.position_m
+        );
         assert!((coarse.velocity_m_s - fine.velocity_m_s).norm() < 5e-3);
         assert!(coarse.orientation.angle_to(fine.orientation) < 3e-3);
         assert!((coarse.rate_rad_s - fine.rate_rad_s).norm() < 0.1);
@@ -329,14 +377,20 @@ mod tests {
     #[test]
     fn the_floor_carries_what_the_thrust_does_not() {
         let model = model();
-        let mut motion = Motion::new(Kinematics { position_m: Vector::new(1.0, 1.0, 0.04), ..Kinematics::default() });
+        let mut motion = Motion::new(Kinematics {
+            position_m: Vector::new(1.0, 1.0, 0.04),
+            ..Kinematics::default()
+        });
         motion.kinematics.velocity_m_s = Vector::new(0.1, 0.0, -0.3);
         for _ in 0..400 {
             model.advance(&mut motion, Regime::Commanded, Drive::Off, &DECAY, 0.0025);
         }
         assert!(motion.resting && motion.kinematics.velocity_m_s.norm() < 1e-9);
         assert!((motion.kinematics.position_m.z - 0.04).abs() < 1e-12);
-        let take_off = Drive::Fly { collective_m_s2: 12.0, rate_rad_s: Vector::ZERO };
+        let take_off = Drive::Fly {
+            collective_m_s2: 12.0,
+            rate_rad_s: Vector::ZERO,
+        };
         for _ in 0..200 {
             model.advance(&mut motion, Regime::Commanded, take_off, &DECAY, 0.0025);
         }
@@ -352,7 +406,10 @@ mod tests {
         let angular = Vector::new(5.0, -10.0, 0.0);
         model.explain(&mut motion, wanted, angular);
         let thrusts = motion.thrust_n.iter().sum::<f64>() / 0.468;
-        let drive = Drive::Fly { collective_m_s2: thrusts, rate_rad_s: angular * (1.0 / 40.0) };
+        let drive = Drive::Fly {
+            collective_m_s2: thrusts,
+            rate_rad_s: angular * (1.0 / 40.0),
+        };
         model.advance(&mut motion, Regime::Commanded, drive, &DECAY, 1e-6);
         assert!((motion.acceleration_m_s2 - wanted).norm() < 1e-3);
         assert!((motion.angular_acceleration_rad_s2 - angular).norm() < 1e-2);

@@ -57,9 +57,12 @@ impl TranslationFilter {
     pub fn enter(&mut self, regime: Regime, late_s: f64) {
         let sigma = match regime {
             Regime::Commanded => AFTERMATH_M_S2,
-            Regime::Ballistic | Regime::Unknown => quantity::math::sqrt(self.growth(regime).disturbance_variance),
+            Regime::Ballistic | Regime::Unknown => {
+                quantity::math::sqrt(self.growth(regime).disturbance_variance)
+            }
         };
-        self.chain.widen(0.5 * sigma * late_s * late_s, sigma * late_s, sigma);
+        self.chain
+            .widen(0.5 * sigma * late_s * late_s, sigma * late_s, sigma);
     }
 
     /// Time passes.

@@ -134,6 +134,8 @@ pub struct GateTuning {
 pub struct ModelTuning {
     /// A vehicle whose centre is lower may stand on the floor.
     pub floor_height_m: f64,
+    /// Greatest share of a rotor's thrust that the firmware lends to yaw.
+    pub yaw_thrust_n_max: f64,
     /// Nothing is learned below this height, where the ground carries.
     pub learning_height_m: f64,
     /// Time constant with which a lasting disturbance along the thrust becomes part of the thrust's ratio.
@@ -222,7 +224,13 @@ impl Default for GateTuning {
 
 impl Default for ModelTuning {
     fn default() -> Self {
-        Self { floor_height_m: 0.07, learning_height_m: 0.4, thrust_learning_s: 4.0, drag_learning_s: 4.0 }
+        Self {
+            floor_height_m: 0.07,
+            yaw_thrust_n_max: 0.2,
+            learning_height_m: 0.4,
+            thrust_learning_s: 4.0,
+            drag_learning_s: 4.0,
+        }
     }
 }
 
@@ -251,32 +259,73 @@ impl Tuning {
             ("noise.disturbance_m_s2", noise.disturbance_m_s2, 1e-6, 100.0),
             ("noise.disturbance_time_s", noise.disturbance_time_s, 0.01, 100.0),
             ("noise.velocity_walk_m_s", noise.velocity_walk_m_s, 0.0, 10.0),
-            ("noise.angular_disturbance_rad_s2", noise.angular_disturbance_rad_s2, 1e-6, 1000.0),
-            ("noise.angular_disturbance_time_s", noise.angular_disturbance_time_s, 0.01, 100.0),
+            (
+                "noise.angular_disturbance_rad_s2",
+                noise.angular_disturbance_rad_s2,
+                1e-6,
+                1000.0,
+            ),
+            (
+                "noise.angular_disturbance_time_s",
+                noise.angular_disturbance_time_s,
+                0.01,
+                100.0,
+            ),
             ("noise.rate_walk_rad_s", noise.rate_walk_rad_s, 0.0, 100.0),
             ("noise.rate_scale_ratio", noise.rate_scale_ratio, 0.0, 1.0),
-            ("noise.ballistic_acceleration_m_s2", noise.ballistic_acceleration_m_s2, 1e-3, 1000.0),
-            ("noise.ballistic_angular_rad_s2", noise.ballistic_angular_rad_s2, 1e-3, 10_000.0),
+            (
+                "noise.ballistic_acceleration_m_s2",
+                noise.ballistic_acceleration_m_s2,
+                1e-3,
+                1000.0,
+            ),
+            (
+                "noise.ballistic_angular_rad_s2",
+                noise.ballistic_angular_rad_s2,
+                1e-3,
+                10_000.0,
+            ),
             ("noise.ballistic_time_s", noise.ballistic_time_s, 0.01, 10.0),
-            ("noise.unknown_acceleration_m_s2", noise.unknown_acceleration_m_s2, 1e-3, 1000.0),
-            ("noise.unknown_angular_rad_s2", noise.unknown_angular_rad_s2, 1e-3, 10_000.0),
+            (
+                "noise.unknown_acceleration_m_s2",
+                noise.unknown_acceleration_m_s2,
+                1e-3,
+                1000.0,
+            ),
+            (
+                "noise.unknown_angular_rad_s2",
+                noise.unknown_angular_rad_s2,
+                1e-3,
+                10_000.0,
+            ),
             ("noise.unknown_time_s", noise.unknown_time_s, 0.01, 10.0),
             ("gate.position_m", gate.position_m, 0.001, gate.position_m_max),
             ("gate.position_m_max", gate.position_m_max, 0.001, 10.0),
-            ("gate.attitude_rad", gate.attitude_rad, 0.01, gate.attitude_rad_max),
+            (
+                "gate.attitude_rad",
+                gate.attitude_rad,
+                0.01,
+                gate.attitude_rad_max,
+            ),
             ("gate.attitude_rad_max", gate.attitude_rad_max, 0.01, 1.5),
             ("gate.sigmas", gate.sigmas, 0.0, 100.0),
             ("gate.jump_m", gate.jump_m, 0.001, 10.0),
             ("gate.speed_m_s_max", gate.speed_m_s_max, 0.1, 100.0),
             ("gate.jump_rad", gate.jump_rad, 0.01, 1.5),
             ("gate.rate_rad_s_max", gate.rate_rad_s_max, 0.1, 200.0),
-            ("gate.reacquire_frames", f64::from(gate.reacquire_frames), 2.0, 1000.0),
+            (
+                "gate.reacquire_frames",
+                f64::from(gate.reacquire_frames),
+                2.0,
+                1000.0,
+            ),
             ("gate.reacquire_gap_s", gate.reacquire_gap_s, 0.005, 1.0),
             ("gate.reacquire_rad", gate.reacquire_rad, 0.0, 3.2),
             ("gate.reacquire_rad_s", gate.reacquire_rad_s, 0.0, 100.0),
             ("gate.neighbour_m", gate.neighbour_m, 0.0, 10.0),
             ("gate.hall_margin_m", gate.hall_margin_m, 0.0, 100.0),
             ("model.floor_height_m", model.floor_height_m, 0.0, 1.0),
+            ("model.yaw_thrust_n_max", model.yaw_thrust_n_max, 0.0, 100.0),
             ("model.learning_height_m", model.learning_height_m, 0.0, 10.0),
             ("model.thrust_learning_s", model.thrust_learning_s, 0.1, 1e6),
             ("model.drag_learning_s", model.drag_learning_s, 0.1, 1e6),

@@ -86,16 +86,24 @@ impl VehicleEstimator {
             },
             mocap_latency: span(vehicle.links.mocap_latency_s),
             command_delay: span(vehicle.links.command_delay_s),
-            model: Model::new(vehicle, tuning.model.floor_height_m),
+            model: Model::new(vehicle, &tuning.model),
             commands: Commands::new(span(timing.command_s_max)),
             reports: Reports::new(span(timing.maneuver_s_max), span(timing.telemetry_s_max)),
-            gate: Gate::new(&tuning.gate, &arena.hall, tuning.model.floor_height_m, span(timing.anywhere_s)),
+            gate: Gate::new(
+                &tuning.gate,
+                &arena.hall,
+                tuning.model.floor_height_m,
+                span(timing.anywhere_s),
+            ),
             filter: None,
             believed: None,
             seen_at: None,
             accepted_frames: 0,
             lost: true,
-            state: VehicleState { vehicle: vehicle.id, ..VehicleState::default() },
+            state: VehicleState {
+                vehicle: vehicle.id,
+                ..VehicleState::default()
+            },
             publish_at: start + span(timing.invalid_period_s),
             refused_count: 0,
             report_at: start,
@@ -151,16 +159,25 @@ impl VehicleEstimator {
             self.refuse(now, Refusal::Absurd, out);
             return;
         };
-        let pose = Pose { at: exposed_at, position_m: body.position_m, orientation };
+        let pose = Pose {
+            at: exposed_at,
+            position_m: body.position_m,
+            orientation,
+        };
         self.forget_if_old(exposed_at);
         self.advance(now, exposed_at);
         let expectation = self.filter.as_ref().map(Filter::expectation);
         let belief = self.belief(now);
-        match self.gate.judge(&pose, expectation.as_ref(), belief.as_ref(), neighbours) {
+        match self
+            .gate
+            .judge(&pose, expectation.as_ref(), belief.as_ref(), neighbours)
+        {
             Verdict::Accept { position_m, turn_rad } => {
                 if let Some(filter) = &mut self.filter {
                     filter.correct(position_m, turn_rad);
-                    let span_s = self.believed.map_or(0.0, |believed| (pose.at - believed.pose.at).as_secs_f64());
+                    let span_s = self
+                        .believed
+                        .map_or(0.0, |believed| (pose.at - believed.pose.at).as_secs_f64());
                     filter.teach(&mut self.model, &self.tuning.model, span_s.min(0.05));
                 }
                 self.accepted_frames = self.accepted_frames.saturating_add(1);
@@ -170,7 +187,10 @@ impl VehicleEstimator {
                 let regime = self.regime_at(now, last.at);
                 self.filter = Some(Filter::start(&self.tuning, &self.model, regime, &previous, &last));
                 self.accepted_frames = self.tuning.gate.reacquire_frames;
-                let detail = format!("at {:.2} {:.2} {:.2} m", last.position_m.x, last.position_m.y, last.position_m.z);
+                let detail = format!(
+                    "at {:.2} {:.2} {:.2} m",
+                    last.position_m.x, last.position_m.y, last.position_m.z
+                );
                 out.event(now, Severity::Info, self.id, "reacquired", &detail);
                 self.believe(now, pose, out);
             }
@@ -186,7 +206,13 @@ impl VehicleEstimator {
             self.accepted_frames = 0;
             if !self.lost {
                 self.lost = true;
-                out.event(now, Severity::Warning, self.id, "tracking-lost", "no believable pose for too long");
+                out.event(
+                    now,
+                    Severity::Warning,
+                    self.id,
+                    "tracking-lost",
+                    "no believable pose for too long",
+                );
             }
         }
         self.publish(now, true, out);
@@ -197,14 +223,24 @@ impl VehicleEstimator {
         // The moment of becoming invalid is news of its own.
         let next = now + period;
         let expires_at = self.state.valid_until + Span::from_nanos(1);
-        self.publish_at = if expires_at > now { next.min(expires_at) } else { next };
+        self.publish_at = if expires_at > now {
+            next.min(expires_at)
+        } else {
+            next
+        };
     }
 
     fn believe(&mut self, now: Time, pose: Pose, out: &mut Outbox<Output>) {
         let Some(filter) = &self.filter else { return };
         if !filter.is_sound() {
             self.filter = None;
-            out.event(now, Severity::Fault, self.id, "filter-unsound", "the filter was dropped");
+            out.event(
+                now,
+                Severity::Fault,
+                self.id,
+                "filter-unsound",
+                "the filter was dropped",
+            );
             return;
         }
         let turning = filter.regime() == Regime::Ballistic
@@ -260,12 +296,18 @@ impl VehicleEstimator {
     fn belief(&self, now: Time) -> Option<Belief> {
         let believed = self.believed.as_ref()?;
         let valid = now <= self.valid_until(now);
-        Some(Belief { pose: believed.pose, valid, turning: believed.turning })
+        Some(Belief {
+            pose: believed.pose,
+            valid,
+            turning: believed.turning,
+        })
     }
 
     /// Until when the state may be acted on.
     fn valid_until(&self, now: Time) -> Time {
-        let (Some(_), Some(believed)) = (&self.filter, &self.believed) else { return Time::ZERO };
+        let (Some(_), Some(believed)) = (&self.filter, &self.believed) else {
+            return Time::ZERO;
+        };
         let arrived_at = believed.pose.at + self.mocap_latency;
         let mut until = arrived_at + self.times.coast;
         if self.reports.running_since(now).is_some() {
@@ -280,7 +322,9 @@ impl VehicleEstimator {
     }
 
     fn tracking(&self, now: Time) -> Tracking {
-        let Some(believed) = &self.believed else { return Tracking::Invalid };
+        let Some(believed) = &self.believed else {
+            return Tracking::Invalid;
+        };
         if self.filter.is_none() || now > self.valid_until(now) {
             Tracking::Invalid
         } else if self.reports.running_since(now).is_some() {
@@ -326,7 +370,9 @@ impl VehicleEstimator {
             }
             self.state.estimated_for = at;
             self.state.estimate = motion.kinematics;
-            let effect_at = self.commands.next_effect(now, self.times.slot_lead, self.command_delay);
+            let effect_at = self
+                .commands
+                .next_effect(now, self.times.slot_lead, self.command_delay);
             self.state.predicted_for = effect_at.min(now + self.times.horizon_max).max(at);
             if self.tuning.prediction {
                 path.carry(&mut motion, at, self.state.predicted_for);
@@ -338,7 +384,10 @@ impl VehicleEstimator {
         if !self.is_speakable() {
             // Never seen to happen; a number gone wrong must still not reach the bus.
             self.filter = None;
-            self.state = VehicleState { vehicle: self.id, ..VehicleState::default() };
+            self.state = VehicleState {
+                vehicle: self.id,
+                ..VehicleState::default()
+            };
         }
         out.publish(self.state);
     }
@@ -351,5 +400,11 @@ impl VehicleEstimator {
                 && k.orientation.is_finite()
                 && k.rate_rad_s.is_finite()
         }) && state.disturbance_m_s2.is_finite()
+    }
+
+    /// One sigma per axis of position, velocity, attitude and body rate.
+    #[cfg(test)]
+    pub fn sigmas(&self) -> Option<[f64; 4]> {
+        self.filter.as_ref().map(Filter::sigmas)
     }
 }

@@ -1,10 +1,11 @@
 //! How far from its start a flip ended, recovered from motion capture.
 //!
-//! The vehicle reports *when* its maneuver began and ended, on the arena's clock; the cameras report where it was, but
-//! at other instants and with noise. A running filter would have smeared the end: there the command changes at once
-//! from the flip's last step to the hover controller's. So position and velocity *at* the instant are fitted to the
-//! poses on both sides of it. Rotors lag, so the acceleration is continuous there but its slope is not: the fit is a
-//! cubic with one slope of the acceleration before the instant and another after.
+//! The vehicle reports *when* its maneuver began and ended, on the arena's clock; the cameras report where it
+//! was, but at other instants and with noise. A running filter would have smeared the end: there the command
+//! changes at once from the flip's last step to the hover controller's. So position and velocity *at* the
+//! instant are fitted to the poses on both sides of it. Rotors lag, so the acceleration is continuous there
+//! but its slope is not: the fit is a cubic with one slope of the acceleration before the instant and another
+//! after.
 
 use nalgebra::{SMatrix, SVector};
 use quantity::{Body, Span, Time, Vector, World, math};
@@ -24,8 +25,8 @@ pub(crate) enum Unmeasured {
 
 /// The error of a flip that began and ended at those instants.
 ///
-/// The plane is that of the heading at the begin. Position counts from where the flip began; velocity and pitch are
-/// those at its end as they are.
+/// The plane is that of the heading at the begin. Position counts from where the flip began; velocity and
+/// pitch are those at its end as they are.
 ///
 /// # Errors
 /// Motion capture did not see enough of its begin or its end.
@@ -153,8 +154,8 @@ struct Kinked<const D: usize> {
 }
 
 impl<const D: usize> Kinked<D> {
-    /// Fits, leaving out up to [`WRONG_MAX`] measurements that the others contradict: a swap of markers, a flipped
-    /// pose.
+    /// Fits, leaving out up to [`WRONG_MAX`] measurements that the others contradict: a swap of markers, a
+    /// flipped pose.
     fn fit(mut around: Around<D>, poses_min: u32) -> Option<Self> {
         for left_out in 0..=WRONG_MAX {
             let fit = LeastSquares::of(&around.samples, poses_min)?;
@@ -214,7 +215,8 @@ impl<const D: usize> LeastSquares<D> {
 
     /// The measurement furthest from what the others make of it, if that is too far.
     fn contradicted(&self, around: &Around<D>) -> Option<usize> {
-        // Divided so, the residual of a single wrong measurement is the greatest, however it draws the fit to itself.
+        // Divided so, the residual of a single wrong measurement is the greatest, however it draws the fit to
+        // itself.
         let off = |sample: &Sample<D>| {
             let row = basis(sample.time);
             let residual = sample.value - self.coefficients.transpose() * row;

@@ -289,6 +289,7 @@ impl Vehicle {
         out: &mut Out,
     ) {
         self.phase = Phase::Recover;
+        self.waiting_since = context.now;
         let news = self.news().copied();
         let Some(attempt) = self.attempt.take() else {
             return;

@@ -27,7 +27,8 @@ impl Unmet {
     pub(crate) const HEIGHT: u16 = 64;
     /// No fresh report of the vehicle, or it is not flying commands.
     pub(crate) const TELEMETRY: u16 = 128;
-    /// The predicted loss of height leaves too little, or there is no prediction because there are no parameters.
+    /// The predicted loss of height leaves too little, or there is no prediction because there are no
+    /// parameters.
     pub(crate) const LOSS: u16 = 256;
 
     /// What a hover must settle before the rest is worth asking.
@@ -137,8 +138,8 @@ pub(crate) fn age_s(now: Time, then: Time) -> f64 {
     (now - then).as_secs_f64()
 }
 
-/// Distance to the nearer of the two walls met by going straight ahead or straight back on that heading; negative
-/// outside the hall.
+/// Distance to the nearer of the two walls met by going straight ahead or straight back on that heading;
+/// negative outside the hall.
 fn wall_distance_m(hall: &Hall, at: Vector<World>, heading_rad: f64) -> f64 {
     let (sin, cos) = math::sin_cos(heading_rad);
     let along = |position_m: f64, extent_m: f64, slope: f64| {

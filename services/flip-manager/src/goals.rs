@@ -27,7 +27,8 @@ impl Goals {
         }
     }
 
-    /// The goal of that phase. Through a flip it stays the place: the vehicle ignores commands, and is caught there.
+    /// The goal of that phase. Through a flip it stays the place: the vehicle ignores commands, and is caught
+    /// there.
     pub(crate) fn of(&self, phase: FlipPhase) -> VehicleGoal {
         let (kind, position_m) = match phase {
             FlipPhase::Idle | FlipPhase::Done => (GoalKind::Ground, self.ground_m),

@@ -1,9 +1,10 @@
-//! The flip manager: brings each vehicle to its place, makes sure that a flip may begin, uploads the learner's
-//! parameters, starts the flip, watches it, measures how it ended, and tells the learner.
+//! The flip manager: brings each vehicle to its place, makes sure that a flip may begin, uploads the
+//! learner's parameters, starts the flip, watches it, measures how it ended, and tells the learner.
 //!
-//! A vehicle flies its flip by itself, from parameters in its own store. What this service owes it is *when*: the
-//! `gate` says whether a flip may begin, `phases` and `flip` are the course of the work, `watch` ends a flip that goes
-//! wrong, and `end_state` recovers how far from its start a flip ended (Lupashin 2010, section V-B).
+//! A vehicle flies its flip by itself, from parameters in its own store. What this service owes it is *when*:
+//! the `gate` says whether a flip may begin, `phases` and `flip` are the course of the work, `watch` ends a
+//! flip that goes wrong, and `end_state` recovers how far from its start a flip ended (Lupashin 2010, section
+//! V-B).
 
 mod battery;
 mod end_state;

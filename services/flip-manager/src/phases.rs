@@ -1,4 +1,5 @@
-//! The course of a vehicle's work: approach, gate, upload, start, flip, measure, recover, and again; then land.
+//! The course of a vehicle's work: approach, gate, upload, start, flip, measure, recover, and again; then
+//! land.
 
 use quantity::{Span, Time};
 use schemas::{FlightMode, FlipError, FlipOutcome, FlipPhase, LearnerVerdict, Severity};
@@ -191,20 +192,17 @@ impl Vehicle {
             }
             Wanted::Fly(_) | Wanted::Hover(_) => {}
         }
-        if !waits {
-            return;
-        }
-        let Some((severity, name, detail)) = self.reason_to_land(context) else {
+        // Where the work ends anyway, the vehicle is caught first.
+        let end = if waits { self.end_of_work(context) } else { None };
+        let Some((severity, name, detail)) = end.or_else(|| self.trouble(context)) else {
             return;
         };
         self.report(context, severity, name, &detail, out);
         self.phase = Phase::Landing { then: Rest::Done };
     }
 
-    fn reason_to_land(&self, context: &Context) -> Option<(Severity, &'static str, String)> {
-        if let Some(end) = self.end_of_work(context) {
-            return Some(end);
-        }
+    /// Why it is no use to go on hovering: a silent vehicle, or one that does not get to its next flip.
+    fn trouble(&self, context: &Context) -> Option<(Severity, &'static str, String)> {
         let timing = &context.tuning.timing;
         let waited_s = age_s(context.now, self.waiting_since);
         let silent_s = self

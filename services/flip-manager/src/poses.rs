@@ -33,8 +33,8 @@ impl Poses {
         }
     }
 
-    /// Takes a pose. One that is no later than the newest is not taken; where the stamps have fallen by more than the
-    /// whole history, the camera's clock has started anew and so does the history.
+    /// Takes a pose. One that is no later than the newest is not taken; where the stamps have fallen by more
+    /// than the whole history, the camera's clock has started anew and so does the history.
     pub(crate) fn push(&mut self, pose: Pose) {
         if let Some(newest) = self.newest() {
             if newest.at - pose.at > self.history {

@@ -216,113 +216,144 @@ impl Tuning {
     /// # Errors
     /// The first number outside its range.
     pub(crate) fn check(&self) -> Result<(), ConfigError> {
-        let Self {
-            gate,
-            timing,
-            watch,
-            measure,
-            battery,
-        } = self;
-        for (key, value, min, max) in [
-            ("gate.place_m_max", gate.place_m_max, 0.01, 1.0),
-            ("gate.speed_m_s_max", gate.speed_m_s_max, 0.01, 1.0),
-            ("gate.tilt_rad_max", gate.tilt_rad_max, 0.01, 0.5),
-            ("gate.rate_rad_s_max", gate.rate_rad_s_max, 0.01, 5.0),
-            ("gate.state_age_s_max", gate.state_age_s_max, 0.001, 0.1),
-            ("gate.telemetry_age_s_max", gate.telemetry_age_s_max, 0.01, 5.0),
-            ("gate.height_m_min", gate.height_m_min, 1.0, 100.0),
-            ("gate.floor_reserve_m_min", gate.floor_reserve_m_min, 0.5, 100.0),
-            ("gate.ceiling_m_min", gate.ceiling_m_min, 0.5, 100.0),
-            ("gate.wall_in_plane_m_min", gate.wall_in_plane_m_min, 0.5, 100.0),
-            ("gate.wall_across_m_min", gate.wall_across_m_min, 0.5, 100.0),
-            ("gate.neighbour_m_min", gate.neighbour_m_min, 0.5, 100.0),
-            ("gate.steady_s", gate.steady_s, 0.0, 60.0),
-            ("timing.tick_s", timing.tick_s, 0.001, 0.05),
-            ("timing.speak_s", timing.speak_s, 0.01, 1.0),
-            ("timing.result_repeat_s", timing.result_repeat_s, 0.05, 60.0),
-            ("timing.order_timeout_s", timing.order_timeout_s, 0.5, 60.0),
-            ("timing.upload_repeat_s", timing.upload_repeat_s, 0.05, 60.0),
-            (
-                "timing.upload_attempts_max",
-                f64::from(timing.upload_attempts_max),
-                1.0,
-                1000.0,
-            ),
-            ("timing.start_repeat_s", timing.start_repeat_s, 0.01, 1.0),
-            ("timing.start_validity_s", timing.start_validity_s, 0.02, 1.0),
-            ("timing.start_s_max", timing.start_s_max, 0.02, 5.0),
-            ("timing.end_grace_s", timing.end_grace_s, 0.1, 60.0),
-            ("timing.patience_s", timing.patience_s, 1.0, 3600.0),
-            ("timing.silence_s_max", timing.silence_s_max, 0.5, 3600.0),
-            ("watch.height_m_min", watch.height_m_min, 0.2, 100.0),
-            ("watch.wall_m_min", watch.wall_m_min, 0.0, 50.0),
-            ("watch.blind_s_max", watch.blind_s_max, 0.02, 5.0),
-            (
-                "watch.recovered_place_m_max",
-                watch.recovered_place_m_max,
-                gate.place_m_max,
-                10.0,
-            ),
-            (
-                "watch.recovered_speed_m_s_max",
-                watch.recovered_speed_m_s_max,
-                gate.speed_m_s_max,
-                5.0,
-            ),
-            (
-                "watch.recovered_tilt_rad_max",
-                watch.recovered_tilt_rad_max,
-                gate.tilt_rad_max,
-                1.5,
-            ),
-            ("measure.position_window_s", measure.position_window_s, 0.01, 0.5),
-            ("measure.attitude_window_s", measure.attitude_window_s, 0.01, 0.5),
-            (
-                "measure.position_error_m_max",
-                measure.position_error_m_max,
-                0.001,
-                1.0,
-            ),
-            (
-                "measure.attitude_error_rad_max",
-                measure.attitude_error_rad_max,
-                0.01,
-                1.0,
-            ),
-            ("measure.poses_min", f64::from(measure.poses_min), 3.0, 100.0),
-            ("measure.history_s", measure.history_s, 3.0, 60.0),
-            (
-                "measure.wait_s_max",
-                measure.wait_s_max,
-                measure.position_window_s,
-                5.0,
-            ),
-            (
-                "measure.duration_error_s_max",
-                measure.duration_error_s_max,
-                0.001,
-                1.0,
-            ),
-            (
-                "measure.clock_uncertainty_s_max",
-                measure.clock_uncertainty_s_max,
-                0.001,
-                1.0,
-            ),
-            ("battery.hover_sag_v", battery.hover_sag_v, 0.0, 10.0),
-            ("battery.smoothing_s", battery.smoothing_s, 0.01, 100.0),
-        ] {
-            // Not `<` and `>`: what is not a number must be refused too.
-            if !(min..=max).contains(&value) {
-                return Err(ConfigError::OutOfRange {
-                    file: "services.toml".to_owned(),
-                    key: format!("[flip-manager] {key}"),
-                    value,
-                    min,
-                    max,
-                });
-            }
-        }
-        Ok(())
+        self.gate.check()?;
+        self.timing.check()?;
+        self.watch.check(&self.gate)?;
+        self.measure.check()?;
+        self.battery.check()
+    }
+}
+
+impl GateTuning {
+    fn check(&self) -> Result<(), ConfigError> {
+        in_ranges(
+            "gate",
+            &[
+                ("place_m_max", self.place_m_max, 0.01, 1.0),
+                ("speed_m_s_max", self.speed_m_s_max, 0.01, 1.0),
+                ("tilt_rad_max", self.tilt_rad_max, 0.01, 0.5),
+                ("rate_rad_s_max", self.rate_rad_s_max, 0.01, 5.0),
+                ("state_age_s_max", self.state_age_s_max, 0.001, 0.1),
+                ("telemetry_age_s_max", self.telemetry_age_s_max, 0.01, 5.0),
+                ("height_m_min", self.height_m_min, 1.0, 100.0),
+                ("floor_reserve_m_min", self.floor_reserve_m_min, 0.5, 100.0),
+                ("ceiling_m_min", self.ceiling_m_min, 0.5, 100.0),
+                ("wall_in_plane_m_min", self.wall_in_plane_m_min, 0.5, 100.0),
+                ("wall_across_m_min", self.wall_across_m_min, 0.5, 100.0),
+                ("neighbour_m_min", self.neighbour_m_min, 0.5, 100.0),
+                ("steady_s", self.steady_s, 0.0, 60.0),
+            ],
+        )
+    }
+}
+
+impl TimingTuning {
+    fn check(&self) -> Result<(), ConfigError> {
+        in_ranges(
+            "timing",
+            &[
+                ("tick_s", self.tick_s, 0.001, 0.05),
+                ("speak_s", self.speak_s, 0.01, 1.0),
+                ("result_repeat_s", self.result_repeat_s, 0.05, 60.0),
+                ("order_timeout_s", self.order_timeout_s, 0.5, 60.0),
+                ("upload_repeat_s", self.upload_repeat_s, 0.05, 60.0),
+                (
+                    "upload_attempts_max",
+                    f64::from(self.upload_attempts_max),
+                    1.0,
+                    1000.0,
+                ),
+                ("start_repeat_s", self.start_repeat_s, 0.01, 1.0),
+                ("start_validity_s", self.start_validity_s, 0.02, 1.0),
+                ("start_s_max", self.start_s_max, 0.02, 5.0),
+                ("end_grace_s", self.end_grace_s, 0.1, 60.0),
+                ("patience_s", self.patience_s, 1.0, 3600.0),
+                ("silence_s_max", self.silence_s_max, 0.5, 3600.0),
+            ],
+        )
+    }
+}
+
+impl WatchTuning {
+    fn check(&self, gate: &GateTuning) -> Result<(), ConfigError> {
+        in_ranges(
+            "watch",
+            &[
+                ("height_m_min", self.height_m_min, 0.2, 100.0),
+                ("wall_m_min", self.wall_m_min, 0.0, 50.0),
+                ("blind_s_max", self.blind_s_max, 0.02, 5.0),
+                (
+                    "recovered_place_m_max",
+                    self.recovered_place_m_max,
+                    gate.place_m_max,
+                    10.0,
+                ),
+                (
+                    "recovered_speed_m_s_max",
+                    self.recovered_speed_m_s_max,
+                    gate.speed_m_s_max,
+                    5.0,
+                ),
+                (
+                    "recovered_tilt_rad_max",
+                    self.recovered_tilt_rad_max,
+                    gate.tilt_rad_max,
+                    1.5,
+                ),
+            ],
+        )
+    }
+}
+
+impl MeasureTuning {
+    fn check(&self) -> Result<(), ConfigError> {
+        in_ranges(
+            "measure",
+            &[
+                ("position_window_s", self.position_window_s, 0.01, 0.5),
+                ("attitude_window_s", self.attitude_window_s, 0.01, 0.5),
+                ("position_error_m_max", self.position_error_m_max, 0.001, 1.0),
+                ("attitude_error_rad_max", self.attitude_error_rad_max, 0.01, 1.0),
+                ("poses_min", f64::from(self.poses_min), 3.0, 100.0),
+                ("history_s", self.history_s, 3.0, 60.0),
+                ("wait_s_max", self.wait_s_max, self.position_window_s, 5.0),
+                ("duration_error_s_max", self.duration_error_s_max, 0.001, 1.0),
+                (
+                    "clock_uncertainty_s_max",
+                    self.clock_uncertainty_s_max,
+                    0.001,
+                    1.0,
+                ),
+            ],
+        )
+    }
+}
+
+impl BatteryTuning {
+    fn check(&self) -> Result<(), ConfigError> {
+        in_ranges(
+            "battery",
+            &[
+                ("hover_sag_v", self.hover_sag_v, 0.0, 10.0),
+                ("smoothing_s", self.smoothing_s, 0.01, 100.0),
+            ],
+        )
+    }
+}
+
+/// Refuses the first number outside its range; one that is not a number is outside every range.
+fn in_ranges(section: &str, rows: &[(&str, f64, f64, f64)]) -> Result<(), ConfigError> {
+    match rows
+        .iter()
+        .find(|(_, value, min, max)| !(*min..=*max).contains(value))
+    {
+        None => Ok(()),
+        Some(&(key, value, min, max)) => Err(ConfigError::OutOfRange {
+            file: "services.toml".to_owned(),
+            key: format!("[flip-manager.{section}] {key}"),
+            value,
+            min,
+            max,
+        }),
     }
 }

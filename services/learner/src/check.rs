@@ -48,7 +48,7 @@ pub(crate) enum Refusal {
         /// By how much it may.
         room_m: f64,
     },
-    /// The model climbs too high.
+    /// Every one of the models climbs too high.
     Climbs {
         /// By how much.
         apex_m: f64,
@@ -85,17 +85,37 @@ pub(crate) fn check(
     tuning: &CheckTuning,
 ) -> Result<Forecast, Refusal> {
     let primitive = bounds.admit(model, design, parameters).map_err(Refusal::Bounds)?;
-    let report = stress(model, design, parameters, Discretisation::Hold800, tuning.spread_ratio)
-        .map_err(Refusal::Model)?;
+    let report = stress(
+        model,
+        design,
+        parameters,
+        Discretisation::Hold800,
+        tuning.spread_ratio,
+    )
+    .map_err(Refusal::Model)?;
     let loss_m = report.deepest().height_loss_m;
-    // Not `>`: what is not a number must be refused too.
-    if !(loss_m <= room.below_m) {
-        return Err(Refusal::Sinks { loss_m, room_m: room.below_m });
+    // Asked this way round, so that what is not a number is refused too.
+    let stays_off_the_floor = loss_m <= room.below_m;
+    if !stays_off_the_floor {
+        return Err(Refusal::Sinks {
+            loss_m,
+            room_m: room.below_m,
+        });
     }
-    // Not on the models that are too strong: what a weak vehicle has learned would carry those to the net.
-    let apex_m = report.cases[0].apex_m;
-    if !(apex_m <= room.above_m) {
-        return Err(Refusal::Climbs { apex_m, room_m: room.above_m });
+    // The weakest decides: what a weak vehicle has learned would carry the others to the net.
+    let apex_m = report
+        .cases
+        .iter()
+        .fold(f64::INFINITY, |least, case| least.min(case.apex_m));
+    let stays_off_the_net = apex_m <= room.above_m;
+    if !stays_off_the_net {
+        return Err(Refusal::Climbs {
+            apex_m,
+            room_m: room.above_m,
+        });
     }
-    Ok(Forecast { duration_s: primitive.duration_s(), height_loss_m: loss_m })
+    Ok(Forecast {
+        duration_s: primitive.duration_s(),
+        height_loss_m: loss_m,
+    })
 }

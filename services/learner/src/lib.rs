@@ -1,19 +1,19 @@
 //! The learner: corrects the parameters of a flip after each flip by how far from its start it ended
 //! (Lupashin 2010, section IV).
 //!
-//! A low-order model of the vehicle in a vertical plane gives the first parameters and the sensitivity of the final
-//! error to them (`plan`). After each flip the parameters move against the measured error (`pupil`), inside `bounds`,
-//! and only as far as flights on deliberately wrong models allow (`check`). What goes wrong several times in a row
-//! stops the learning until a person has looked (`streaks`).
+//! A low-order model of the vehicle in a vertical plane gives the first parameters and the sensitivity of the
+//! final error to them (`plan`). After each flip the parameters move against the measured error (`vehicle`),
+//! inside `bounds`, and only as far as flights on deliberately wrong models allow (`check`). What goes wrong
+//! several times in a row stops the learning until a person has looked (`streaks`).
 //!
 //! Nothing here knows the simulated vehicle's equations: a learner that shared them would prove nothing.
 
 mod bounds;
 mod check;
 mod plan;
-mod pupil;
 mod streaks;
 mod tuning;
+mod vehicle;
 
 #[cfg(test)]
 mod tests;
@@ -27,7 +27,7 @@ pub use tuning::{BoundsTuning, CheckTuning, StepTuning, StopTuning, Tuning};
 
 use check::Room;
 use plan::Plan;
-use pupil::Pupil;
+use vehicle::VehicleLearning;
 
 inputs! {
     /// What the learner hears.
@@ -51,7 +51,7 @@ pub(crate) type Out = Outbox<Output>;
 #[derive(Debug)]
 pub struct Learner {
     tuning: Tuning,
-    pupils: Vec<Pupil>,
+    vehicles: Vec<VehicleLearning>,
     has_spoken: bool,
     next_word_at: Time,
 }
@@ -65,7 +65,7 @@ impl Core for Learner {
     fn new(arena: &Arena, tuning: Tuning, start: Start) -> Result<Self, ConfigError> {
         tuning.check(arena)?;
         let mut plans: Vec<Plan> = Vec::new();
-        let mut pupils = Vec::with_capacity(arena.fleet.len());
+        let mut vehicles = Vec::with_capacity(arena.fleet.len());
         for member in &arena.fleet {
             let vehicle = &member.vehicle;
             let plan = match plans.iter().find(|plan| plan.fits(vehicle)) {
@@ -74,9 +74,20 @@ impl Core for Learner {
             };
             plans.push(plan.clone());
             let room = Room::new(&arena.hall, member, &tuning.check);
-            pupils.push(Pupil::new(vehicle.id, plan, room, arena.scenario.flip.iterations, &tuning));
+            vehicles.push(VehicleLearning::new(
+                vehicle.id,
+                plan,
+                room,
+                arena.scenario.flip.iterations,
+                &tuning,
+            ));
         }
-        Ok(Self { tuning, pupils, has_spoken: false, next_word_at: start.at })
+        Ok(Self {
+            tuning,
+            vehicles,
+            has_spoken: false,
+            next_word_at: start.at,
+        })
     }
 
     fn deadline(&self) -> Option<Time> {
@@ -86,11 +97,15 @@ impl Core for Learner {
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Out) {
         match event {
             Event::Input(Input::Result(result)) => {
-                let Some(pupil) = self.pupils.iter_mut().find(|pupil| pupil.vehicle() == result.vehicle) else {
+                let Some(vehicle) = self
+                    .vehicles
+                    .iter_mut()
+                    .find(|vehicle| vehicle.id() == result.vehicle)
+                else {
                     return;
                 };
-                if pupil.hear(now, &result, &self.tuning, out) {
-                    out.publish(pupil.word());
+                if vehicle.hear(now, &result, &self.tuning, out) {
+                    out.publish(vehicle.word());
                 }
             }
             Event::Deadline => self.repeat(now, out),
@@ -106,11 +121,11 @@ impl Learner {
         let period = Span::from_secs_f64(self.tuning.repeat_s);
         let late = now - self.next_word_at;
         self.next_word_at += period * (1 + late.as_nanos() / period.as_nanos());
-        for pupil in &self.pupils {
+        for vehicle in &self.vehicles {
             if !self.has_spoken {
-                pupil.report_stillborn(now, out);
+                vehicle.report_initial_stop(now, out);
             }
-            out.publish(pupil.word());
+            out.publish(vehicle.word());
         }
         self.has_spoken = true;
     }

@@ -1,6 +1,8 @@
 //! What is computed once per kind of vehicle: the first parameters, and the matrix that corrects them.
 
-use maneuver::{Discretisation, Envelope, FinalError, FlipDesign, Integral, Model, Parameters, SolveError, solve};
+use maneuver::{
+    Discretisation, Envelope, FinalError, FlipDesign, Integral, Model, Parameters, SolveError, solve,
+};
 use nalgebra::{SMatrix, SVector};
 use settings::{Arena, ConfigError, Vehicle};
 
@@ -30,7 +32,11 @@ impl Plan {
         let margin = flip.envelope_margin_ratio;
         let envelope = Envelope::with_margin(&model, margin)
             .map_err(|error| malformed(arena, &format!("flip.envelope_margin_ratio = {margin}: {error}")))?;
-        let designed = FlipDesign { flips: flip.flips, rate_rad_s_max: flip.design_rate_rad_s, envelope };
+        let designed = FlipDesign {
+            flips: flip.flips,
+            rate_rad_s_max: flip.design_rate_rad_s,
+            envelope,
+        };
         let solution = solve(&model, &designed, Discretisation::Continuous)
             .map_err(|error| unsolved(arena, &vehicle.subject, error))?;
         let jacobian = SMatrix::<f64, 5, 5>::from_fn(|row, column| solution.jacobian[row][column]);
@@ -40,7 +46,10 @@ impl Plan {
             .ok_or_else(|| malformed(arena, "the flip's Jacobian has no inverse"))?;
         Ok(Self {
             model,
-            flown: FlipDesign { rate_rad_s_max: flip.flown_rate_rad_s, ..designed },
+            flown: FlipDesign {
+                rate_rad_s_max: flip.flown_rate_rad_s,
+                ..designed
+            },
             first: solution.parameters,
             inverse,
             step_size: flip.step_size_ratio,
@@ -84,7 +93,10 @@ fn scenario_file(arena: &Arena) -> String {
 }
 
 fn malformed(arena: &Arena, reason: &str) -> ConfigError {
-    ConfigError::Malformed { file: scenario_file(arena), reason: reason.to_owned() }
+    ConfigError::Malformed {
+        file: scenario_file(arena),
+        reason: reason.to_owned(),
+    }
 }
 
 fn unsolved(arena: &Arena, subject: &str, error: SolveError) -> ConfigError {

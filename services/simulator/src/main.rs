@@ -1,2 +1,5 @@
-//! Stub.
-fn main() {}
+//! The simulator's program.
+
+fn main() -> std::process::ExitCode {
+    simulator::run()
+}

@@ -37,7 +37,7 @@ pub enum Failure {
     #[error(transparent)]
     Picture(#[from] PictureError),
     /// A file could not be written.
-    #[error("{path}: {source}")]
+    #[error("{}: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,

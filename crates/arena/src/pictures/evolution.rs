@@ -129,7 +129,7 @@ fn axes<'a, 'b>(area: &'a Area<'b>, what: &str, range: Range, flips: f64) -> Res
     Ok(chart)
 }
 
-fn legend(chart: &mut Chart<'_, '_>) -> Result<(), PictureError> {
+fn legend<'a, 'b: 'a>(chart: &mut Chart<'a, 'b>) -> Result<(), PictureError> {
     chart
         .configure_series_labels()
         .position(SeriesLabelPosition::UpperRight)

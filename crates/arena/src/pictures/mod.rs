@@ -23,7 +23,7 @@ pub enum PictureError {
     #[error("turning the drawing into pixels failed: {0}")]
     Raster(String),
     /// The file could not be written.
-    #[error("{path}: {source}")]
+    #[error("{}: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,

@@ -45,7 +45,7 @@ pub enum SupervisorError {
         source: std::io::Error,
     },
     /// A file could not be written.
-    #[error("{path}: {source}")]
+    #[error("{}: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,

@@ -362,3 +362,33 @@ fn one_bad_gyro_sample_does_not_end_a_maneuver() {
     }
     assert_eq!(outcome(&bench), (1, ManeuverPhase::Running, Reason::None));
 }
+
+#[test]
+fn a_maneuver_begins_and_ends_with_the_integrals_at_zero() {
+    let mut bench = ready();
+    bench.imu.rate_rad_s = Vector::new(0.0, 0.05, 0.0);
+    bench.run(Span::from_secs(1));
+    bench.imu.rate_rad_s = Vector::ZERO;
+    let pitched = |bench: &Bench| {
+        let [front, back, ..] = bench
+            .firmware
+            .clone()
+            .commanded_thrusts_n(bench.now, &bench.imu)
+            .unwrap();
+        back - front
+    };
+    assert!(pitched(&bench) < -0.1, "normal flight has integrated the error");
+    bench.start(1, 7, &DOUBLE);
+    assert_eq!(pitched(&bench), 0.0, "the maneuver's first tick has not");
+    bench.tick();
+    for _ in 0..800 {
+        follow(&mut bench);
+        bench.imu.rate_rad_s.y += 0.5;
+        bench.tick();
+    }
+    while bench.firmware.mode() == FlightMode::Maneuver {
+        bench.imu.rate_rad_s = Vector::ZERO;
+        bench.tick();
+    }
+    assert_eq!(pitched(&bench), 0.0, "and nothing of it is left after");
+}

@@ -145,8 +145,14 @@ impl Bench {
         self.firmware.status(self.now)
     }
 
-    /// One tick; the ground's frame first, if one is due.
+    /// One tick; the ground's frame first, if one is due. No test flies for a minute: one that waits for what
+    /// does not come ends here.
     pub fn tick(&mut self) -> [u8; 4] {
+        assert!(
+            self.now < Time::ZERO + Span::from_secs(60),
+            "still {:?}",
+            self.firmware.mode()
+        );
         if self.linked && self.now >= self.next_frame {
             self.send_frame();
             self.next_frame = self.now + Span::from_millis(20);

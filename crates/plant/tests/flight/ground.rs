@@ -13,8 +13,11 @@ use settings::{Arena, Ports};
 
 /// The shipped arena with the double flip.
 pub fn arena() -> Arena {
-    Arena::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"), "double-flip")
-        .expect("the shipped settings load")
+    Arena::load(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"),
+        "double-flip",
+    )
+    .expect("the shipped settings load")
 }
 
 /// The same with vehicles that are what everybody believes.
@@ -35,8 +38,6 @@ pub enum Goal {
     Hover(Vector<World>),
     /// Descend by itself.
     Descend,
-    /// Say nothing at all.
-    Silence,
 }
 
 /// One vehicle's ground station.
@@ -93,17 +94,27 @@ impl Ground {
         while self.slot_at <= until {
             let slot = self.slot_at;
             self.advance(slot);
-            if let Some(frame) = self.command() {
-                let bytes = sbus::Frame::new(frame.encode(self.id).expect("a valid frame")).encode();
-                self.plant.receive(slot, Ports::command_link(self.id), &bytes);
-            }
+            let channels = self.command().encode(self.id).expect("a valid frame");
+            self.plant.receive(
+                slot,
+                Ports::command_link(self.id),
+                &sbus::Frame::new(channels).encode(),
+            );
             self.slot_at += SLOT;
         }
         self.advance(until);
     }
 
     fn advance(&mut self, until: Time) {
-        let Self { plant, statuses, vicon, digest, decoder, id, .. } = self;
+        let Self {
+            plant,
+            statuses,
+            vicon,
+            digest,
+            decoder,
+            id,
+            ..
+        } = self;
         // By its own events, as an event queue would.
         loop {
             let event = plant.next_event();
@@ -131,7 +142,7 @@ impl Ground {
         }
     }
 
-    fn command(&mut self) -> Option<CommandFrame> {
+    fn command(&mut self) -> CommandFrame {
         self.counter = CommandFrame::next_counter(self.counter);
         let motion = self.motion();
         let (roll_rad, pitch_rad) = roll_pitch_rad(motion.orientation);
@@ -148,12 +159,19 @@ impl Ground {
             epoch_low: 0,
         };
         match self.goal {
-            Goal::Silence => None,
-            Goal::Rest => Some(frame),
-            Goal::Descend => Some(CommandFrame { mode: CommandMode::Descend, ..frame }),
+            Goal::Rest => frame,
+            Goal::Descend => CommandFrame {
+                mode: CommandMode::Descend,
+                ..frame
+            },
             Goal::Hover(place) => {
                 let (collective_m_s2, rate_rad_s) = self.hover(&motion, place);
-                Some(CommandFrame { mode: CommandMode::Fly, collective_m_s2, rate_rad_s, ..frame })
+                CommandFrame {
+                    mode: CommandMode::Fly,
+                    collective_m_s2,
+                    rate_rad_s,
+                    ..frame
+                }
             }
         }
     }
@@ -185,10 +203,17 @@ impl Ground {
     pub fn send(&mut self, message: &Uplink) {
         let (mut payload, mut serial) = ([0; 100], [0; 300]);
         let length = message.encode(self.id, &mut payload).expect("a payload's room");
-        let frame =
-            Frame::Transmit16 { frame_id: 1, destination: self.address, options: 0, data: &payload[..length] };
-        let length = frame.encode(ApiMode::Escaped, &mut serial).expect("a frame's room");
-        self.plant.receive(self.plant.now(), Ports::DATA_LINK, &serial[..length]);
+        let frame = Frame::Transmit16 {
+            frame_id: 1,
+            destination: self.address,
+            options: 0,
+            data: &payload[..length],
+        };
+        let length = frame
+            .encode(ApiMode::Escaped, &mut serial)
+            .expect("a frame's room");
+        self.plant
+            .receive(self.plant.now(), Ports::DATA_LINK, &serial[..length]);
     }
 
     /// Uploads a set and flies it; the frames are repeated, since links lose some.
@@ -202,12 +227,21 @@ impl Ground {
         }
         assert_eq!(self.status().set_digest, set.digest(), "the upload arrived");
         for _ in 0..4 {
-            self.send(&Uplink::Start { maneuver_id, set_id: maneuver_id, digest: set.digest() });
+            self.send(&Uplink::Start {
+                maneuver_id,
+                set_id: maneuver_id,
+                digest: set.digest(),
+            });
             self.run(0.03);
         }
         self.run(2.5);
         let status = self.status();
-        assert_ne!(status.maneuver_phase, ManeuverPhase::Refused, "{:?}", status.reason);
+        assert_ne!(
+            status.maneuver_phase,
+            ManeuverPhase::Refused,
+            "{:?}",
+            status.reason
+        );
         let truths = self.plant.maneuver_truths();
         assert_eq!(truths.len(), 1, "one maneuver was flown");
         truths[0]

@@ -1,5 +1,5 @@
-//! The flip again, written down once more in two dimensions: what the simulated vehicle must agree with where it has no
-//! departures. Shares no code with the crate under test but the primitive.
+//! The flip again, written down once more in two dimensions: what the simulated vehicle must agree with where
+//! it has no departures. Shares no code with the crate under test but the primitive.
 
 use maneuver::{Envelope, FlipDesign, Model, Parameters, Primitive};
 use quantity::{GRAVITY_M_S2, math};
@@ -14,7 +14,13 @@ const INERTIA: f64 = 0.0023;
 fn slope(s: &State, asked: &[f64; 3]) -> State {
     let [_, _, vx, vz, theta, rate, front, back, side] = *s;
     let collective = (front + back + 2.0 * side) / MASS;
-    let lag = |now: f64, to: f64| if to >= now { 50.0 * (to - now) } else { 25.0 * (to - now) };
+    let lag = |now: f64, to: f64| {
+        if to >= now {
+            50.0 * (to - now)
+        } else {
+            25.0 * (to - now)
+        }
+    };
     [
         vx,
         vz,
@@ -74,5 +80,11 @@ pub fn design() -> FlipDesign {
 
 /// Its P0 for collectives averaged over each tick (multi-flip.md, section 4).
 pub fn p0() -> Parameters {
-    Parameters { u1_m_s2: 20.378_20, t1_s: 0.161_48, t3_s: 0.278_25, u5_m_s2: 20.394_81, t5_s: 0.192_54 }
+    Parameters {
+        u1_m_s2: 20.378_20,
+        t1_s: 0.161_48,
+        t3_s: 0.278_25,
+        u5_m_s2: 20.394_81,
+        t5_s: 0.192_54,
+    }
 }

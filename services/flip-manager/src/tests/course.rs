@@ -5,9 +5,10 @@ use schemas::{
     ArenaOrder, FlightMode, FlipOutcome, FlipPhase, GoalKind, LearnerVerdict, ManeuverPhase, ManeuverResult,
     OrderKind,
 };
+use service_core::{Core, Seed, Start};
 
 use super::rig::{FLIP_S, Faults, Rig, arena};
-use crate::Output;
+use crate::{FlipManager, Output, Tuning};
 
 fn results(rig: &Rig) -> Vec<(Time, ManeuverResult)> {
     rig.all(|output| match output {
@@ -353,6 +354,23 @@ fn a_gate_that_never_opens_lands_the_vehicle() {
 }
 
 #[test]
+fn a_silent_vehicle_lands_and_so_does_one_that_is_never_caught() {
+    let mut rig = Rig::new();
+    order(&mut rig, OrderKind::Hover);
+    rig.run(1.0);
+    rig.faults.mute = true;
+    rig.run(11.0);
+    assert_eq!(rig.phase(), FlipPhase::Landing);
+    assert!(rig.events.contains(&"telemetry-lost".to_owned()));
+    let mut rig = Rig::new();
+    rig.run_until(FlipPhase::Recover, 5.0);
+    rig.kinematics.velocity_m_s = Vector::new(0.0, 1.0, 0.0);
+    rig.run(59.0);
+    assert_eq!(rig.phase(), FlipPhase::Recover);
+    rig.run_until(FlipPhase::Done, 2.0);
+}
+
+#[test]
 fn a_vehicle_that_stopped_by_itself_is_done() {
     let mut rig = Rig::new();
     rig.run_until(FlipPhase::Recover, 5.0);
@@ -439,4 +457,21 @@ fn same_inputs_same_outputs() {
         rig.said
     };
     assert!(run() == run());
+}
+
+#[test]
+fn a_wrong_setting_is_refused_by_its_name() {
+    let settings = arena("double-flip");
+    let start = Start {
+        at: Time::ZERO,
+        seed: Seed(1),
+        incarnation: 1,
+    };
+    let mut tuning: Tuning = settings.section("flip-manager").unwrap();
+    assert_eq!(tuning, Tuning::default());
+    tuning.gate.speed_m_s_max = f64::NAN;
+    let error = FlipManager::new(&settings, tuning, start)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("[flip-manager.gate] speed_m_s_max"), "{error}");
 }

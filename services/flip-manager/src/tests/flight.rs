@@ -1,5 +1,5 @@
-//! A flip in a vertical plane for tests: what the vehicle truly does around the begin and the end of its maneuver,
-//! with lagging rotors, ringing rate loops and a hover controller that takes over at the end.
+//! A flip in a vertical plane for tests: what the vehicle truly does around the begin and the end of its
+//! maneuver, with lagging rotors, ringing rate loops and a hover controller that takes over at the end.
 
 use quantity::{Body, Frame, Rotation, Span, Time, Vector, World, math};
 use schemas::FlipError;
@@ -84,6 +84,9 @@ struct Plane {
     thrust_n: [f64; 2],
 }
 
+/// Where the flip begins in the hall.
+const ORIGIN_M: Vector<World> = Vector::new(0.3, -0.2, 5.0);
+
 const MASS_KG: f64 = 0.468;
 const INERTIA_KG_M2: f64 = 0.0023;
 const ARM_M: f64 = 0.17;
@@ -153,71 +156,91 @@ fn catch(plane: &Plane) -> (f64, f64) {
     ((up / math::cos(theta).max(0.4)).clamp(2.0, 23.0), rate)
 }
 
+/// The vehicle with its firmware and its hover controller.
+struct Craft {
+    plane: Plane,
+    departures: Departures,
+    maneuver: Loop,
+    flight: Loop,
+    /// The hover controller's last command: collective acceleration and rate.
+    held: (f64, f64),
+    hover_n: f64,
+}
+
+impl Craft {
+    fn new(departures: &Departures, random: &mut Random) -> Self {
+        let hover_n = MASS_KG * 9.81 / (4.0 * departures.thrust_ratio);
+        Self {
+            plane: Plane {
+                position_m: [0.01 * random.gaussian(), 0.01 * random.gaussian()],
+                velocity_m_s: [0.03 * random.gaussian(), 0.03 * random.gaussian()],
+                theta_rad: 0.01 * random.gaussian(),
+                rate_rad_s: 0.0,
+                thrust_n: [hover_n; 2],
+            },
+            departures: *departures,
+            maneuver: Loop {
+                p_1_s: 240.0,
+                i_1_s2: 3600.0,
+                integral_rad: 0.0,
+            },
+            flight: Loop {
+                p_1_s: 40.0,
+                i_1_s2: 60.0,
+                integral_rad: 0.0,
+            },
+            held: (9.81, 0.0),
+            hover_n,
+        }
+    }
+
+    /// Thrusts asked for at a tick, that long after the begin of the maneuver.
+    fn tick(&mut self, tick: u32, since_begin_s: f64) -> [f64; 2] {
+        if tick.is_multiple_of(16) {
+            self.held = catch(&self.plane);
+        }
+        let measured = self.plane.rate_rad_s * self.departures.gyro_ratio;
+        if since_begin_s < 0.0 {
+            [self.hover_n; 2]
+        } else if since_begin_s < duration_s() {
+            let (collective, rate) = command(since_begin_s);
+            self.maneuver.thrusts_n(collective, rate - measured)
+        } else {
+            let (collective, rate) = self.held;
+            self.flight
+                .thrusts_n(collective / self.departures.thrust_ratio, rate - measured)
+        }
+    }
+}
+
 /// Flies the double flip from a hover and films it; `heading_rad` turns its plane in the hall.
 pub(crate) fn fly(seed: u64, heading_rad: f64, departures: &Departures, cameras: &Cameras) -> Flight {
     let mut random = Random::new(seed);
-    let origin_m = Vector::<World>::new(0.3, -0.2, 5.0);
-    let hover_n = MASS_KG * 9.81 / (4.0 * departures.thrust_ratio);
-    let mut plane = Plane {
-        position_m: [0.01 * random.gaussian(), 0.01 * random.gaussian()],
-        velocity_m_s: [0.03 * random.gaussian(), 0.03 * random.gaussian()],
-        theta_rad: 0.01 * random.gaussian(),
-        rate_rad_s: 0.0,
-        thrust_n: [hover_n; 2],
-    };
-    let lead_s = 0.3 + 0.005 * random.uniform();
-    let end_s = lead_s + duration_s();
+    let mut craft = Craft::new(departures, &mut random);
+    let begin_s = 0.3 + 0.005 * random.uniform();
     let base = Time::ZERO + Span::from_secs(100);
-    let mut maneuver = Loop {
-        p_1_s: 240.0,
-        i_1_s2: 3600.0,
-        integral_rad: 0.0,
-    };
-    let mut flight = Loop {
-        p_1_s: 40.0,
-        i_1_s2: 60.0,
-        integral_rad: 0.0,
-    };
-    let mut held = (9.81, 0.0);
     let (mut begin, mut end, mut poses) = (None, None, Vec::new());
-    let (mut wanted_n, mut exposure_s) = ([hover_n; 2], 0.0);
+    let (mut wanted_n, mut exposure_s) = ([craft.hover_n; 2], 0.0);
     for step in 0..(SUBSTEPS * 800 * 2) {
         let time_s = f64::from(step) * STEP_S;
-        let measured = plane.rate_rad_s * departures.gyro_ratio;
-        if time_s >= lead_s && begin.is_none() {
-            begin = Some((time_s, plane));
+        if time_s >= begin_s && begin.is_none() {
+            begin = Some((time_s, craft.plane));
         }
-        if time_s >= end_s && end.is_none() {
-            end = Some((time_s, plane));
+        let since_begin_s = begin.map_or(-1.0, |(began_s, _)| time_s - began_s);
+        if since_begin_s >= duration_s() && end.is_none() {
+            end = Some((time_s, craft.plane));
         }
-        if step % SUBSTEPS == 0 {
-            if step % (SUBSTEPS * 16) == 0 {
-                held = catch(&plane);
-            }
-            wanted_n = match (begin, end) {
-                (Some((began, _)), None) => {
-                    let (collective, rate) = command(time_s - began);
-                    maneuver.thrusts_n(collective, rate - measured)
-                }
-                (None, _) => [hover_n; 2],
-                (_, Some(_)) => flight.thrusts_n(held.0 / departures.thrust_ratio, held.1 - measured),
-            };
+        if step.is_multiple_of(SUBSTEPS) {
+            wanted_n = craft.tick(step / SUBSTEPS, since_begin_s);
         }
         if time_s >= exposure_s {
             exposure_s += 0.005;
             if random.uniform() >= cameras.dropout_ratio {
-                let at_s = time_s + cameras.stamp_noise_s * random.gaussian();
-                poses.push(film(
-                    base + Span::from_secs_f64(at_s),
-                    &plane,
-                    origin_m,
-                    heading_rad,
-                    cameras,
-                    &mut random,
-                ));
+                let at = base + Span::from_secs_f64(time_s + cameras.stamp_noise_s * random.gaussian());
+                poses.push(film(at, &craft.plane, heading_rad, cameras, &mut random));
             }
         }
-        plane.advance(wanted_n, departures);
+        craft.plane.advance(wanted_n, departures);
     }
     let ((began_s, start), (ended_s, stop)) = begin.zip(end).expect("two seconds hold the whole flip");
     Flight {
@@ -234,21 +257,14 @@ pub(crate) fn fly(seed: u64, heading_rad: f64, departures: &Departures, cameras:
     }
 }
 
-fn film(
-    at: Time,
-    plane: &Plane,
-    origin_m: Vector<World>,
-    heading_rad: f64,
-    cameras: &Cameras,
-    random: &mut Random,
-) -> Pose {
+fn film(at: Time, plane: &Plane, heading_rad: f64, cameras: &Cameras, random: &mut Random) -> Pose {
     let (sin, cos) = math::sin_cos(heading_rad);
     let [x, z] = plane.position_m;
     let jitter: Vector<World> = noise(random, cameras.position_noise_m);
     let wobble: Vector<Body> = noise(random, cameras.attitude_noise_rad);
     Pose {
         at,
-        position_m: origin_m + Vector::new(x * cos, x * sin, z) + jitter,
+        position_m: ORIGIN_M + Vector::new(x * cos, x * sin, z) + jitter,
         orientation: Rotation::from_yaw_pitch_roll(heading_rad, plane.theta_rad, 0.0).turned(wobble),
     }
 }

@@ -223,7 +223,8 @@ fn another_vehicle_that_flies_unseen_closes_the_gate() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
-    /// However the vehicle hovers, each start was sent inside the gate, half a second after it was last outside.
+    /// However the vehicle hovers, each start was sent inside the gate, half a second after it was last
+    /// outside.
     #[test]
     fn no_start_outside_the_gate(
         hover in proptest::collection::vec((-0.12..0.12f64, -0.12..0.12f64, -0.22..0.22f64, 1..150u32), 30),

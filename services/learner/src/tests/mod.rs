@@ -1,4 +1,6 @@
 //! Tests of the whole core.
+
 mod learning;
 mod random;
-mod school;
+mod refusals;
+mod rig;

@@ -12,8 +12,8 @@ use crate::tuning::Tuning;
 
 /// One vehicle's learning.
 #[derive(Clone, Debug)]
-pub(crate) struct Pupil {
-    vehicle: u8,
+pub(crate) struct VehicleLearning {
+    id: u8,
     plan: Plan,
     room: Room,
     iterations: u32,
@@ -31,10 +31,10 @@ pub(crate) struct Pupil {
 /// How far parameters reported as flown may be from those ordered: the link carries single precision.
 const SAME_RATIO: f64 = 1e-5;
 
-impl Pupil {
-    pub(crate) fn new(vehicle: u8, plan: Plan, room: Room, iterations: u32, tuning: &Tuning) -> Self {
-        let mut pupil = Self {
-            vehicle,
+impl VehicleLearning {
+    pub(crate) fn new(id: u8, plan: Plan, room: Room, iterations: u32, tuning: &Tuning) -> Self {
+        let mut learning = Self {
+            id,
             parameters: plan.first,
             plan,
             room,
@@ -44,21 +44,30 @@ impl Pupil {
             streaks: Streaks::default(),
             stopped: None,
         };
-        match pupil.check(&pupil.parameters, tuning) {
-            Ok(forecast) => pupil.forecast = forecast,
-            Err(refusal) => pupil.stopped = Some(format!("the first parameters may not be flown: {refusal}")),
+        match learning.check(&learning.parameters, tuning) {
+            Ok(forecast) => learning.forecast = forecast,
+            Err(refusal) => {
+                learning.stopped = Some(format!("the first parameters may not be flown: {refusal}"))
+            }
         }
-        pupil
+        learning
     }
 
     /// The vehicle's number.
-    pub(crate) fn vehicle(&self) -> u8 {
-        self.vehicle
+    pub(crate) fn id(&self) -> u8 {
+        self.id
     }
 
     fn check(&self, parameters: &Parameters, tuning: &Tuning) -> Result<Forecast, Refusal> {
         let Plan { model, flown, .. } = &self.plan;
-        check(model, flown, parameters, &self.room, &tuning.bounds, &tuning.check)
+        check(
+            model,
+            flown,
+            parameters,
+            &self.room,
+            &tuning.bounds,
+            &tuning.check,
+        )
     }
 
     /// What the flip manager shall do next.
@@ -70,10 +79,14 @@ impl Pupil {
         } else {
             LearnerVerdict::Fly
         };
-        let reason = self.stopped.as_deref().map(|reason| cut(reason, 120)).unwrap_or_default();
+        let reason = self
+            .stopped
+            .as_deref()
+            .map(|reason| cut(reason, 120))
+            .unwrap_or_default();
         let design = &self.plan.flown;
         ManeuverParameters {
-            vehicle: self.vehicle,
+            vehicle: self.id,
             verdict,
             iteration: self.iteration,
             flips: design.flips,
@@ -89,7 +102,13 @@ impl Pupil {
     }
 
     /// Takes a result; whether it was news. One of an earlier flip is a repetition.
-    pub(crate) fn hear(&mut self, now: Time, result: &ManeuverResult, tuning: &Tuning, out: &mut Out) -> bool {
+    pub(crate) fn hear(
+        &mut self,
+        now: Time,
+        result: &ManeuverResult,
+        tuning: &Tuning,
+        out: &mut Out,
+    ) -> bool {
         if self.stopped.is_some() || result.iteration < self.iteration {
             return false;
         }
@@ -110,14 +129,19 @@ impl Pupil {
         true
     }
 
-    /// Goes on from the parameters flown where they are not the ones ordered: this service was restarted, and its
-    /// predecessor ordered them.
+    /// Goes on from the parameters flown where they are not the ones ordered: this service was restarted, and
+    /// its predecessor ordered them.
     fn adopt(&mut self, now: Time, result: &ManeuverResult, tuning: &Tuning, out: &mut Out) {
         let flown = from_flown(&result.parameters);
-        let same = self.parameters.to_array().iter().zip(flown.to_array()).all(|(own, flown)| {
-            // Not `>`: what is not a number is not the same.
-            (own - flown).abs() <= SAME_RATIO * own.abs()
-        });
+        let same = self
+            .parameters
+            .to_array()
+            .iter()
+            .zip(flown.to_array())
+            .all(|(own, flown)| {
+                // Not `>`: what is not a number is not the same.
+                (own - flown).abs() <= SAME_RATIO * own.abs()
+            });
         if same {
             return;
         }
@@ -126,13 +150,19 @@ impl Pupil {
                 self.parameters = flown;
                 self.forecast = forecast;
                 self.streaks = Streaks::default();
-                format!("goes on from flip {}, flown with parameters of another start", result.iteration)
+                format!(
+                    "goes on from flip {}, flown with parameters of another start",
+                    result.iteration
+                )
             }
             Err(refusal) => {
-                format!("flip {} was flown with parameters that may not be: {refusal}", result.iteration)
+                format!(
+                    "flip {} was flown with parameters that may not be: {refusal}",
+                    result.iteration
+                )
             }
         };
-        out.event(now, Severity::Warning, self.vehicle, "parameters-adopted", &detail);
+        out.event(now, Severity::Warning, self.id, "parameters-adopted", &detail);
     }
 
     /// Corrects the parameters. // Lupashin 2010, eq. (26).
@@ -140,12 +170,17 @@ impl Pupil {
         let correction = self.plan.correction(error);
         let (mut step, shortened) = tuning.step.shorten(correction);
         if shortened {
-            let detail = format!("flip {}: the step was too long and has been shortened", self.iteration);
-            out.event(now, Severity::Info, self.vehicle, "step-shortened", &detail);
+            let detail = format!(
+                "flip {}: the step was too long and has been shortened",
+                self.iteration
+            );
+            out.event(now, Severity::Info, self.id, "step-shortened", &detail);
         }
         let mut refused = None;
         for _ in 0..=tuning.check.halvings_max {
-            let (moved, cut) = tuning.bounds.cut(&self.plan.model, stepped(&self.parameters, &step));
+            let (moved, cut) = tuning
+                .bounds
+                .cut(&self.plan.model, stepped(&self.parameters, &step));
             match self.check(&moved, tuning) {
                 Ok(forecast) => {
                     self.parameters = moved;
@@ -159,8 +194,11 @@ impl Pupil {
             step = step.map(|part| 0.5 * part);
         }
         let Some(refusal) = refused else { return };
-        let detail = format!("flip {}: no part of the step may be flown: {refusal}", self.iteration);
-        out.event(now, Severity::Warning, self.vehicle, "step-refused", &detail);
+        let detail = format!(
+            "flip {}: no part of the step may be flown: {refusal}",
+            self.iteration
+        );
+        out.event(now, Severity::Warning, self.id, "step-refused", &detail);
         if let Verdict::Stop(reason) = self.streaks.step_refused(&tuning.stop, &refusal) {
             self.stop(now, reason, out);
         }
@@ -168,31 +206,37 @@ impl Pupil {
 
     fn report_limits(&self, now: Time, cut: bool, refused: Option<Refusal>, out: &mut Out) {
         if let Some(refusal) = refused {
-            let detail = format!("flip {}: only part of the step may be flown: {refusal}", self.iteration);
-            out.event(now, Severity::Info, self.vehicle, "step-halved", &detail);
+            let detail = format!(
+                "flip {}: only part of the step may be flown: {refusal}",
+                self.iteration
+            );
+            out.event(now, Severity::Info, self.id, "step-halved", &detail);
         }
         if cut {
             let detail = format!("flip {}: a parameter is at its bound", self.iteration);
-            out.event(now, Severity::Info, self.vehicle, "parameters-cut", &detail);
+            out.event(now, Severity::Info, self.id, "parameters-cut", &detail);
         }
     }
 
     fn stop(&mut self, now: Time, reason: String, out: &mut Out) {
-        out.event(now, Severity::Fault, self.vehicle, "learning-stopped", &reason);
+        out.event(now, Severity::Fault, self.id, "learning-stopped", &reason);
         self.stopped = Some(reason);
     }
 
     /// Reports a learning that was stopped before it began; told once, with the first word.
-    pub(crate) fn report_stillborn(&self, now: Time, out: &mut Out) {
+    pub(crate) fn report_initial_stop(&self, now: Time, out: &mut Out) {
         if let Some(reason) = &self.stopped {
-            out.event(now, Severity::Fault, self.vehicle, "learning-stopped", reason);
+            out.event(now, Severity::Fault, self.id, "learning-stopped", reason);
         }
     }
 }
 
 fn stepped(parameters: &Parameters, step: &[f64; 5]) -> Parameters {
     let mut moved = parameters.to_array();
-    moved.iter_mut().zip(step).for_each(|(parameter, part)| *parameter += part);
+    moved
+        .iter_mut()
+        .zip(step)
+        .for_each(|(parameter, part)| *parameter += part);
     Parameters::from_array(moved)
 }
 
@@ -206,13 +250,37 @@ fn cut(text: &str, bytes_max: usize) -> &str {
 }
 
 fn to_message(parameters: &Parameters) -> FlipParameters {
-    let Parameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s } = *parameters;
-    FlipParameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s }
+    let Parameters {
+        u1_m_s2,
+        t1_s,
+        t3_s,
+        u5_m_s2,
+        t5_s,
+    } = *parameters;
+    FlipParameters {
+        u1_m_s2,
+        t1_s,
+        t3_s,
+        u5_m_s2,
+        t5_s,
+    }
 }
 
 fn from_flown(parameters: &FlipParameters) -> Parameters {
-    let FlipParameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s } = *parameters;
-    Parameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s }
+    let FlipParameters {
+        u1_m_s2,
+        t1_s,
+        t3_s,
+        u5_m_s2,
+        t5_s,
+    } = *parameters;
+    Parameters {
+        u1_m_s2,
+        t1_s,
+        t3_s,
+        u5_m_s2,
+        t5_s,
+    }
 }
 
 fn from_message(result: &ManeuverResult) -> FinalError {
