@@ -36,7 +36,7 @@ fn a_double_flip_settles_within_50_flips_and_worsens_as_the_battery_fades() {
     println!("{summary:?}");
     assert_eq!(flips(&flown).len(), 129);
     assert!(summary.settled_at.is_some_and(|flip| flip <= 50), "{summary:?}");
-    assert!(summary.last_norm > summary.floor_norm, "{summary:?}");
+    assert!(summary.last_norm > summary.steady_norm, "{summary:?}");
     assert_inside(&flown, &arena("double-flip").hall);
 }
 

@@ -24,6 +24,8 @@ pub struct Summary {
     /// The first flip from which the median norm over ten flips stays below 20 % of the first flip's, at least until half
     /// of all flips are flown.
     pub settled_at: Option<usize>,
+    /// Median norm over the flips from a half to four fifths of all: settled, the battery still good.
+    pub steady_norm: f64,
     /// Median norm of the last five flips.
     pub last_norm: f64,
     /// Median distance of the measured from the true final error: place.
@@ -68,6 +70,7 @@ impl Summary {
             first_norm,
             floor_norm: medians.iter().copied().fold(f64::INFINITY, f64::min),
             settled_at: settled_at(&medians, SETTLED_RATIO * first_norm),
+            steady_norm: median(&norms[norms.len() / 2..norms.len() * 4 / 5]),
             last_norm: median(&norms[norms.len().saturating_sub(5)..]),
             measured_m: distance(|m, t| planar(m[0] - t[0], m[1] - t[1])),
             measured_m_s: distance(|m, t| planar(m[2] - t[2], m[3] - t[3])),

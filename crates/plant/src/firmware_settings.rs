@@ -33,6 +33,7 @@ pub fn firmware_settings(vehicle: &Vehicle) -> FirmwareSettings {
         integral,
     };
     firmware.rates.yaw_p_1_s = rates.yaw_p_1_s;
-    firmware.gate.battery_v_min = vehicle.battery.flip_v_min;
+    // The firmware sees the voltage under load, the limit is one at rest.
+    firmware.gate.battery_v_min = vehicle.battery.flip_v_min - vehicle.battery.hover_sag_v;
     firmware
 }

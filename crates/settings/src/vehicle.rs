@@ -107,6 +107,8 @@ pub struct Battery {
     pub flip_v_min: f64,
     /// Land below.
     pub land_v_min: f64,
+    /// Voltage a hover costs, as measured: what stands between the voltage reported and that at rest.
+    pub hover_sag_v: f64,
 }
 
 impl Vehicle {
@@ -134,6 +136,7 @@ impl Vehicle {
         in_range(file, "links.mocap_latency_s", self.links.mocap_latency_s, 0.0, 0.2)?;
         in_range(file, "battery.land_v_min", self.battery.land_v_min, 1.0, 60.0)?;
         in_range(file, "battery.flip_v_min", self.battery.flip_v_min, self.battery.land_v_min, 60.0)?;
+        in_range(file, "battery.hover_sag_v", self.battery.hover_sag_v, 0.0, 10.0)?;
         self.plant.check(file)
     }
 }

@@ -2,6 +2,7 @@
 
 use quantity::{Time, math};
 use schemas::FlightMode;
+use settings::Battery;
 
 use crate::tuning::BatteryTuning;
 
@@ -37,10 +38,10 @@ pub(crate) struct RestVoltage {
 
 impl RestVoltage {
     /// Takes a report.
-    pub(crate) fn take(&mut self, at: Time, battery_v: f64, load: Load, tuning: &BatteryTuning) {
+    pub(crate) fn take(&mut self, at: Time, battery_v: f64, load: Load, battery: &Battery, tuning: &BatteryTuning) {
         let at_rest_v = match load {
             Load::None => battery_v,
-            Load::Hover => battery_v + tuning.hover_sag_v,
+            Load::Hover => battery_v + battery.hover_sag_v,
             Load::Other => return,
         };
         let value_v = match self.smoothed {
@@ -67,22 +68,20 @@ mod tests {
 
     #[test]
     fn a_hover_is_compensated_and_other_loads_are_not_believed() {
-        let tuning = BatteryTuning {
-            hover_sag_v: 0.3,
-            smoothing_s: 1.0,
-        };
+        let tuning = BatteryTuning { smoothing_s: 1.0 };
+        let battery = Battery { flip_v_min: 10.0, land_v_min: 9.7, hover_sag_v: 0.3 };
         let at = |millis| Time::ZERO + Span::from_millis(millis);
         let mut rest = RestVoltage::default();
-        rest.take(at(0), 9.0, Load::Other, &tuning);
+        rest.take(at(0), 9.0, Load::Other, &battery, &tuning);
         assert_eq!(rest.volts(), None);
-        rest.take(at(0), 12.0, Load::None, &tuning);
+        rest.take(at(0), 12.0, Load::None, &battery, &tuning);
         for millis in (50..10_000).step_by(50) {
-            rest.take(at(millis), 11.7, Load::Hover, &tuning);
+            rest.take(at(millis), 11.7, Load::Hover, &battery, &tuning);
         }
         assert!((rest.volts().unwrap() - 12.0).abs() < 1e-9);
-        rest.take(at(10_000), 9.0, Load::Other, &tuning);
+        rest.take(at(10_000), 9.0, Load::Other, &battery, &tuning);
         assert!((rest.volts().unwrap() - 12.0).abs() < 1e-9);
-        rest.take(at(11_000), 10.7, Load::Hover, &tuning);
+        rest.take(at(11_000), 10.7, Load::Hover, &battery, &tuning);
         assert!((rest.volts().unwrap() - (11.0 + math::exp(-1.05))).abs() < 1e-6);
     }
 }

@@ -195,8 +195,6 @@ impl Default for MeasureTuning {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BatteryTuning {
-    /// Voltage a hover costs.
-    pub hover_sag_v: f64,
     /// Time constant of the smoothing.
     pub smoothing_s: f64,
 }
@@ -204,7 +202,6 @@ pub struct BatteryTuning {
 impl Default for BatteryTuning {
     fn default() -> Self {
         Self {
-            hover_sag_v: 0.3,
             smoothing_s: 1.0,
         }
     }
@@ -334,7 +331,6 @@ impl BatteryTuning {
         in_ranges(
             "battery",
             &[
-                ("hover_sag_v", self.hover_sag_v, 0.0, 10.0),
                 ("smoothing_s", self.smoothing_s, 0.01, 100.0),
             ],
         )

@@ -132,7 +132,7 @@ impl Vehicle {
         }
         let load = Load::of(report.mode, self.hovers());
         self.rest
-            .take(report.received_at, report.battery_v, load, &tuning.battery);
+            .take(report.received_at, report.battery_v, load, &self.battery, &tuning.battery);
         self.telemetry = Some(report);
     }
 

@@ -8,7 +8,7 @@
 //!
 //! Once lost, a state is trusted again only when it rests on ten consecutive frames.
 
-use quantity::{Body, Rotation, Span, Time, Vector, World};
+use quantity::{Body, Frame, Rotation, Span, Time, Vector, World};
 use schemas::{Tracking, VehicleState};
 
 use crate::tuning::SafetyTuning;
@@ -54,7 +54,7 @@ impl Watch {
 
     /// Takes a state; whether it may be flown now.
     pub fn take(&mut self, now: Time, state: &VehicleState) -> bool {
-        if state.tracking == Tracking::Invalid || state.valid_until < now || !is_finite(state) {
+        if state.tracking == Tracking::Invalid || state.valid_until < now || !is_usable(state) {
             self.level_at = self.level_at.map(|at| at.min(now - Span::from_nanos(1)));
             return false;
         }
@@ -86,13 +86,26 @@ impl Watch {
     }
 }
 
-fn is_finite(state: &VehicleState) -> bool {
+/// Finite, and such as a vehicle in a hall can have: arithmetic on anything else ends in numbers that are none.
+fn is_usable(state: &VehicleState) -> bool {
     let k = &state.prediction;
-    k.position_m.is_finite()
-        && k.velocity_m_s.is_finite()
+    is_within(k.position_m, POSITION_M_MAX)
+        && is_within(k.velocity_m_s, SPEED_M_S_MAX)
+        && is_within(k.rate_rad_s, RATE_RAD_S_MAX)
+        && is_within(state.disturbance_m_s2, DISTURBANCE_M_S2_MAX)
         && k.orientation.is_finite()
-        && k.rate_rad_s.is_finite()
-        && state.disturbance_m_s2.is_finite()
+}
+
+const POSITION_M_MAX: f64 = 1e3;
+const SPEED_M_S_MAX: f64 = 100.0;
+const RATE_RAD_S_MAX: f64 = 200.0;
+const DISTURBANCE_M_S2_MAX: f64 = 1e3;
+
+/// Whether every component is a number of at most this magnitude.
+pub(crate) fn is_within<F: Frame>(vector: Vector<F>, magnitude_max: f64) -> bool {
+    [vector.x, vector.y, vector.z]
+        .iter()
+        .all(|component| component.abs() <= magnitude_max)
 }
 
 /// The vehicle carried on without states, as if it did what it was told.

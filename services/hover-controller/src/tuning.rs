@@ -151,12 +151,12 @@ impl Default for PositionTuning {
     fn default() -> Self {
         Self {
             position_gain_1_s: 2.4,
-            velocity_gain_1_s: 5.0,
-            vertical_gain_1_s: 5.0,
-            integral_gain_1_s3: 4.0,
+            velocity_gain_1_s: 6.5,
+            vertical_gain_1_s: 6.0,
+            integral_gain_1_s3: 2.0,
             integral_m_s2_max: 0.8,
             integral_reach_m: 0.3,
-            disturbance_time_s: 0.3,
+            disturbance_time_s: 0.15,
             disturbance_m_s2_max: 3.0,
             speed_m_s_max: 1.8,
             climb_m_s_max: 1.5,
@@ -173,9 +173,9 @@ impl Default for PositionTuning {
 impl Default for AttitudeTuning {
     fn default() -> Self {
         Self {
-            tilt_gain_1_s: 10.0,
+            tilt_gain_1_s: 12.0,
             yaw_gain_1_s: 2.0,
-            lead_s: 0.04,
+            lead_s: 0.01,
             stopping_rad_s2: 80.0,
             rate_rad_s_max: 10.0,
             yaw_rate_rad_s_max: 3.0,

@@ -13,7 +13,7 @@ use crate::attitude::rates;
 use crate::phases::{Phase, Situation, Wish};
 use crate::position::{Manner, PositionLoop, Target, Thrust, thrust};
 use crate::reports::Reports;
-use crate::safety::{DeadReckoning, Trust, Watch};
+use crate::safety::{DeadReckoning, Trust, Watch, is_within};
 use crate::tuning::Tuning;
 
 /// A report counts as one of the flight only if it came so long after the flight began.
@@ -26,6 +26,8 @@ const CAUGHT_RATIO: f64 = 0.5;
 const LOW_TILT_RAD: f64 = 0.25;
 /// Descent by itself: what is sent along is flown by nobody.
 const DESCENT_RATIO: f64 = 0.95;
+/// A goal with a greater number in it is a mistake.
+const GOAL_MAX: f64 = 1e3;
 /// Places are kept so far from the floor.
 const FLOOR_MARGIN_M: f64 = 0.3;
 
@@ -93,11 +95,11 @@ impl VehicleController {
 
     /// Takes note of where the vehicle shall be.
     pub fn goal(&mut self, now: Time, goal: &VehicleGoal) {
-        let finite = goal.position_m.is_finite()
-            && goal.velocity_m_s.is_finite()
-            && goal.acceleration_m_s2.is_finite()
-            && goal.heading_rad.is_finite();
-        if finite {
+        let usable = is_within(goal.position_m, GOAL_MAX)
+            && is_within(goal.velocity_m_s, GOAL_MAX)
+            && is_within(goal.acceleration_m_s2, GOAL_MAX)
+            && goal.heading_rad.abs() <= GOAL_MAX;
+        if usable {
             self.goal = Some((*goal, now));
         }
     }

@@ -61,12 +61,12 @@ fn hold<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 fn line(summary: &Summary) -> String {
     let [x, z, vx, vz, theta] = summary.first_error;
     format!(
-        "seed {:4}  {:3} flips, {} failed  first x {x:+.2} z {z:+.2} vx {vx:+.2} vz {vz:+.2} theta {theta:+.2}  norm {:.2} -> floor {:.3}, last {:.3}  settled at {}  turns {:.2}{}",
+        "seed {:4}  {:3} flips, {} failed  first x {x:+.2} z {z:+.2} vx {vx:+.2} vz {vz:+.2} theta {theta:+.2}  norm {:.2} -> steady {:.3}, last {:.3}  settled at {}  turns {:.2}{}",
         summary.seed,
         summary.flips,
         summary.failed,
         summary.first_norm,
-        summary.floor_norm,
+        summary.steady_norm,
         summary.last_norm,
         summary.settled_at.map_or("-".to_owned(), |flip| flip.to_string()),
         summary.turns,
@@ -86,6 +86,7 @@ fn table(summaries: &[Summary]) -> String {
     }
     row("first norm", &|summary| summary.first_norm);
     row("floor norm", &|summary| summary.floor_norm);
+    row("steady norm", &|summary| summary.steady_norm);
     row("norm of the last five", &|summary| summary.last_norm);
     row("settled at flip", &|summary| summary.settled_at.map_or(f64::NAN, |flip| flip as f64));
     row("turns of the last flip", &|summary| summary.turns);
@@ -98,10 +99,10 @@ fn table(summaries: &[Summary]) -> String {
     row("greatest height [m]", &|summary| summary.extremes.z_m_max);
     row("flips failed", &|summary| summary.failed as f64);
     let unsettled = summaries.iter().filter(|summary| summary.settled_at.is_none()).count();
-    let worse = summaries.iter().filter(|summary| summary.last_norm > summary.floor_norm).count();
+    let worse = summaries.iter().filter(|summary| summary.last_norm > summary.steady_norm).count();
     let stopped = summaries.iter().filter(|summary| summary.stopped.is_some()).count();
     text.push_str(&format!(
-        "settled: {} of {}; worse at the end than at best: {worse}; stopped early: {stopped}\n",
+        "settled: {} of {}; worse at the end than when steady: {worse}; stopped early: {stopped}\n",
         summaries.len() - unsettled,
         summaries.len()
     ));
