@@ -90,11 +90,6 @@ impl Flight {
         self.arena.plant().truth(vehicle).unwrap().motion.position_m
     }
 
-    /// Whether an event of that name was reported.
-    pub fn reported(&self, name: &str) -> bool {
-        self.events.iter().any(|event| event.name.as_str() == name)
-    }
-
     /// How many datagrams all nodes have dropped for that reason.
     pub fn dropped(&self, reason: DropReason) -> u64 {
         services()

@@ -173,6 +173,10 @@ impl<'f> VirtualArena<'f> {
     pub fn run_until(&mut self, end: Time, observe: &mut dyn FnMut(Heard<'_>)) {
         while self.step(end, observe) {}
         self.now = end;
+        // Nothing comes out before the plant's next event; this only brings its state up to the instant asked for.
+        self.plant.advance(end, &mut |output: DeviceOutput<'_>| {
+            debug_assert!(false, "{:?} spoke before the plant's next event", output.device);
+        });
     }
 
     /// Runs for `span`; see [`VirtualArena::run_until`].

@@ -61,7 +61,7 @@ pub(crate) struct Neighbour {
 /// Why a pose is not believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refusal {
-    /// Not finite, exactly zero, or far outside the hall.
+    /// Not finite, below the floor, or far outside the hall.
     Absurd,
     /// Bit for bit the one before, of a vehicle in flight.
     Frozen,
@@ -203,9 +203,9 @@ impl Gate {
         let p = pose.position_m;
         let inside = p.x.abs() <= self.reach_m.x
             && p.y.abs() <= self.reach_m.y
-            && (-self.tuning.hall_margin_m..=self.reach_m.z).contains(&p.z);
-        // A position of exactly zero is how some systems report an object they do not see.
-        !inside || !pose.orientation.is_finite() || p == Vector::ZERO
+            && (self.tuning.height_m_min..=self.reach_m.z).contains(&p.z);
+        // Also the exact zero by which some systems report an object they do not see.
+        !inside || !pose.orientation.is_finite()
     }
 
     /// Innovation of a believable pose, or why it is none.

@@ -338,7 +338,7 @@ fn faults_of_the_cameras_are_dropouts() {
         }),
         Box::new(|body| {
             Some(MocapBody {
-                position_m: body.position_m * 1000.0,
+                position_m: body.position_m * 0.001,
                 ..body
             })
         }),

@@ -126,6 +126,8 @@ pub struct GateTuning {
     pub neighbour_m: f64,
     /// Poses further than this outside the hall are refused.
     pub hall_margin_m: f64,
+    /// The centre of a vehicle is never lower; what millimetres read as metres make of any height in a hall is.
+    pub height_m_min: f64,
 }
 
 /// What the model of the vehicle learns in flight.
@@ -185,11 +187,11 @@ impl Default for NoiseTuning {
             attitude_rad: 0.003,
             disturbance_m_s2: 0.1,
             disturbance_time_s: 1.0,
-            velocity_walk_m_s: 0.01,
-            angular_disturbance_rad_s2: 1.0,
+            velocity_walk_m_s: 0.005,
+            angular_disturbance_rad_s2: 0.7,
             angular_disturbance_time_s: 0.05,
             rate_walk_rad_s: 0.05,
-            rate_scale_ratio: 0.05,
+            rate_scale_ratio: 0.03,
             ballistic_acceleration_m_s2: 30.0,
             ballistic_angular_rad_s2: 200.0,
             ballistic_time_s: 0.1,
@@ -218,6 +220,7 @@ impl Default for GateTuning {
             reacquire_rad_s: 0.1,
             neighbour_m: 0.25,
             hall_margin_m: 1.0,
+            height_m_min: 0.012,
         }
     }
 }
@@ -324,6 +327,7 @@ impl Tuning {
             ("gate.reacquire_rad_s", gate.reacquire_rad_s, 0.0, 100.0),
             ("gate.neighbour_m", gate.neighbour_m, 0.0, 10.0),
             ("gate.hall_margin_m", gate.hall_margin_m, 0.0, 100.0),
+            ("gate.height_m_min", gate.height_m_min, -1.0, 1.0),
             ("model.floor_height_m", model.floor_height_m, 0.0, 1.0),
             ("model.yaw_thrust_n_max", model.yaw_thrust_n_max, 0.0, 100.0),
             ("model.learning_height_m", model.learning_height_m, 0.0, 10.0),

@@ -8,7 +8,7 @@ use schemas::{
 };
 use service_core::{Core, Event, Outbox, Seed, Start};
 
-use crate::testing::{Loop, START, arena};
+use crate::testing::{Loop, START, arena as settings};
 use crate::{HoverController, Input, Output, Tuning};
 
 const PLACE: Vector<World> = Vector::new(0.0, 0.0, 4.0);
@@ -294,7 +294,8 @@ fn a_low_battery_lands_and_stays_down() {
     let mut arena = Loop::hovering(PLACE);
     arena.order(GoalKind::Hover, PLACE);
     arena.run(2.0);
-    arena.battery_v = 9.4;
+    let limits = settings().fleet[0].vehicle.battery.clone();
+    arena.battery_v = limits.land_v_min - limits.hover_sag_v - 0.2;
     arena.run(15.0);
     assert_eq!(arena.events, ["battery-low", "landing", "landed"]);
     assert_eq!(
@@ -370,7 +371,7 @@ fn foolish_settings_are_refused() {
         seed: Seed(1),
         incarnation: 7,
     };
-    let error = HoverController::new(&arena(), tuning, start).expect_err("not a number");
+    let error = HoverController::new(&settings(), tuning, start).expect_err("not a number");
     assert!(error.to_string().contains("safety.state_s_max"), "{error}");
 }
 
@@ -391,7 +392,7 @@ proptest! {
         kind in 0u8..3, tracking in 0u8..4, valid_ms in -50i64..200, battery_v in number(),
     ) {
         let start = Start { at: START, seed: Seed(1), incarnation: 7 };
-        let mut controller = HoverController::new(&arena(), Tuning::default(), start).expect("sound");
+        let mut controller = HoverController::new(&settings(), Tuning::default(), start).expect("sound");
         let mut out = Outbox::default();
         let kind = [GoalKind::Ground, GoalKind::Hover, GoalKind::Land][usize::from(kind)];
         let tracking = [Tracking::Invalid, Tracking::Tracking, Tracking::Coasting, Tracking::Ballistic]

@@ -113,8 +113,6 @@ pub struct PhaseTuning {
     pub no_goal_s: f64,
     /// In flight, a goal not repeated for so long is void, and the vehicle lands.
     pub goal_s_max: f64,
-    /// Voltage lost under load: what the battery at rest has more than telemetry says in flight.
-    pub battery_sag_v: f64,
     /// Time constant of the voltage's average.
     pub battery_time_s: f64,
     /// Speed relative to the goal's above which the vehicle must be caught rather than flown.
@@ -204,7 +202,6 @@ impl Default for PhaseTuning {
             touchdown_s: 0.15,
             no_goal_s: 2.0,
             goal_s_max: 3.0,
-            battery_sag_v: 0.3,
             battery_time_s: 2.0,
             recover_m_s: 2.0,
             recover_rad: 0.6,
@@ -282,7 +279,7 @@ impl Tuning {
         ]
     }
 
-    fn phase_ranges(&self) -> [Range; 30] {
+    fn phase_ranges(&self) -> [Range; 29] {
         let (p, s) = (&self.phases, &self.safety);
         [
             ("phases.ground_s_min", p.ground_s_min, 0.02, 60.0),
@@ -307,7 +304,6 @@ impl Tuning {
             ("phases.touchdown_s", p.touchdown_s, 0.01, 5.0),
             ("phases.no_goal_s", p.no_goal_s, 0.0, 60.0),
             ("phases.goal_s_max", p.goal_s_max, 0.2, 60.0),
-            ("phases.battery_sag_v", p.battery_sag_v, 0.0, 10.0),
             ("phases.battery_time_s", p.battery_time_s, 0.01, 100.0),
             ("phases.recover_m_s", p.recover_m_s, 0.1, 20.0),
             ("phases.recover_rad", p.recover_rad, 0.05, 3.2),

@@ -74,7 +74,7 @@ impl VehicleController {
                 Span::from_secs_f64(safety.telemetry_s_max),
                 Span::from_secs_f64(safety.maneuver_s_max),
                 tuning.phases.battery_time_s,
-                tuning.phases.battery_sag_v,
+                member.vehicle.battery.hover_sag_v,
                 member.vehicle.battery.land_v_min,
             ),
             watch: Watch::new(safety),
