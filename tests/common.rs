@@ -1,6 +1,9 @@
 //! Settings, an arena in virtual time, and what was heard in it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
 
 use front_door::director::Director;
 use front_door::experiment::{message, node, services};
@@ -14,6 +17,40 @@ use wire::{DropReason, Secret};
 /// The folder of the settings.
 pub fn config() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../config")
+}
+
+/// The front door's binary as its sources are now. Cargo builds no binary of another package for a test, and one that
+/// lies about may be older than what is tested: so cargo is asked, once, and has nothing to do where all is new.
+pub fn front_door() -> PathBuf {
+    static BUILT: OnceLock<PathBuf> = OnceLock::new();
+    let build = || {
+        let test = std::env::current_exe().unwrap();
+        let folder = test.parent().unwrap().parent().unwrap();
+        let profile = if cfg!(debug_assertions) { "dev" } else { "release" };
+        let built = Command::new(env!("CARGO"))
+            .args(["build", "--quiet", "--locked", "-p", "arena", "--bin", "arena", "--profile", profile])
+            .args(["--target-dir".as_ref(), folder.parent().unwrap().as_os_str()])
+            .current_dir(config().parent().unwrap())
+            .status()
+            .unwrap();
+        assert!(built.success());
+        folder.join("arena")
+    };
+    BUILT.get_or_init(build).clone()
+}
+
+/// Copies a folder and all below it.
+pub fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copy(&entry.path(), &target);
+        } else {
+            fs::copy(entry.path(), target).unwrap();
+        }
+    }
 }
 
 /// A scenario's settings.
@@ -37,6 +74,26 @@ pub fn hovering_node(
     node(name, arena, secret, identity, now)
 }
 
+/// A director built this long after the beginning orders to land where an earlier one ordered to hover.
+pub const LANDS_AFTER: Span = Span::from_secs(20);
+
+/// Builds any node, with a director who orders to hover, and one who orders to land if it is restarted after
+/// [`LANDS_AFTER`].
+pub fn landing_node(
+    name: &str,
+    arena: &Arena,
+    secret: &Secret,
+    identity: Identity,
+    now: Time,
+) -> Result<Box<dyn AnyNode>, ConfigError> {
+    if name == "arena" && now >= Time::ZERO + LANDS_AFTER {
+        let mut director = Node::<Director>::new(arena, secret, identity, now)?;
+        director.core_mut().order(now, OrderKind::Land);
+        return Ok(Box::new(director));
+    }
+    hovering_node(name, arena, secret, identity, now)
+}
+
 /// An arena in virtual time with a watchful eye on its vehicles.
 pub struct Flight {
     pub arena: VirtualArena<'static>,
@@ -48,6 +105,12 @@ impl Flight {
     /// An arena whose vehicles take off and hover at their places; not yet begun.
     pub fn to_hover(settings: Arena, seed: u64) -> Self {
         let arena = VirtualArena::new(&settings, seed, &services(), &hovering_node).unwrap();
+        Self { arena, settings, events: Vec::new() }
+    }
+
+    /// An arena whose vehicles hover, and land once its director is restarted after [`LANDS_AFTER`].
+    pub fn to_hover_and_land(settings: Arena, seed: u64) -> Self {
+        let arena = VirtualArena::new(&settings, seed, &services(), &landing_node).unwrap();
         Self { arena, settings, events: Vec::new() }
     }
 
@@ -71,7 +134,10 @@ impl Flight {
             let until = (self.arena.now() + Span::from_millis(5)).min(end);
             let events = &mut self.events;
             self.arena.run_until(until, &mut |heard: Heard<'_>| {
-                events.extend(message::<NodeEvent>(&heard, &topics::NODE_EVENT));
+                if let Some(event) = message::<NodeEvent>(&heard, &topics::NODE_EVENT) {
+                    assert_ne!(event.name.as_str(), "message-unsayable", "{}: {}", event.node, event.detail);
+                    events.push(event);
+                }
             });
             for member in &self.settings.fleet {
                 let at = self.position_m(member.vehicle.id);
@@ -101,6 +167,10 @@ impl Flight {
 
     /// Steps of each node's core.
     pub fn steps_by_node(&self) -> Vec<(&'static str, u64)> {
-        services().iter().filter_map(|name| self.arena.node(name)).map(|node| (node.name(), node.steps())).collect()
+        services()
+            .iter()
+            .filter_map(|name| self.arena.node(name))
+            .map(|node| (node.name(), node.steps()))
+            .collect()
     }
 }

@@ -49,7 +49,8 @@ fn every_flipped_bit_and_every_truncation_is_refused_by_every_node() {
     let settings = arena("double-flip");
     let now = flight.arena.now();
     for name in roster::SERVICES {
-        let build = || roster::node(name, &settings, &Secret::new([1; 32]), identity(Domain::Sim, 9), now).unwrap();
+        let build =
+            || roster::node(name, &settings, &Secret::new([1; 32]), identity(Domain::Sim, 9), now).unwrap();
         let (mut pestered, mut untouched) = (build(), build());
         let steps = pestered.steps();
         for datagram in &datagrams {
@@ -76,7 +77,10 @@ fn a_flipped_bit_of_a_key_holders_datagram_is_refused_where_the_original_is_take
     let mut kept: Vec<(&'static str, Vec<u8>)> = Vec::new();
     flight.arena.run_for(Span::from_millis(200), &mut |heard| {
         let topic = heard.published.topic;
-        if heard.published.is_data() && topic.writer != "*" && !kept.iter().any(|(name, _)| *name == topic.name) {
+        if heard.published.is_data()
+            && topic.writer != "*"
+            && !kept.iter().any(|(name, _)| *name == topic.name)
+        {
             kept.push((topic.name, heard.published.datagram.to_vec()));
         }
     });
@@ -126,7 +130,9 @@ fn another_run_and_another_domain_are_told_apart_and_refused() {
     let mut here = Flight::hovering("double-flip", 14);
     let mut elsewhere = Flight::hovering("double-flip", 15);
     let mut foreign = Vec::new();
-    elsewhere.arena.run_for(Span::from_millis(500), &mut |heard| foreign.push(heard.published.datagram.to_vec()));
+    elsewhere
+        .arena
+        .run_for(Span::from_millis(500), &mut |heard| foreign.push(heard.published.datagram.to_vec()));
     let steps = here.steps_by_node();
     for datagram in &foreign {
         here.arena.throw(datagram);
@@ -150,12 +156,14 @@ fn a_live_radio_bridge_sends_nothing_for_commands_of_a_simulation() {
     let secret = Secret::new([9; 32]);
     let mut flight = Flight::hovering("double-flip", 16);
     let now = flight.arena.now();
-    let mut bridge = roster::node("radio-bridge", &settings, &secret, identity(Domain::Live, 9), now).unwrap();
+    let mut bridge =
+        roster::node("radio-bridge", &settings, &secret, identity(Domain::Live, 9), now).unwrap();
     let (mut frames, mut commands) = (0, 0);
     flight.arena.run_for(Span::from_secs(1), &mut |heard| {
         let mut count = |published: service_core::Published<'_>| {
             let to_a_command_link = published.topic == &topics::RADIO_TX
-                && wire::decode::<schemas::DeviceBytes>(published.body).is_ok_and(|bytes| bytes.port >= 0x100);
+                && wire::decode::<schemas::DeviceBytes>(published.body)
+                    .is_ok_and(|bytes| bytes.port >= 0x100);
             frames += usize::from(to_a_command_link);
         };
         commands += u64::from(heard.published.topic == &topics::VEHICLE_COMMAND && heard.published.is_data());

@@ -9,6 +9,8 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
+use crate::common::{config, copy, front_door};
+
 /// Long enough for a crowded machine; a healthy one needs a tenth.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -20,44 +22,11 @@ struct Live {
     folder: PathBuf,
 }
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
-}
-
-/// The front door's binary, built by cargo beside this test.
-fn front_door() -> PathBuf {
-    let test = std::env::current_exe().unwrap();
-    let path = test.parent().unwrap().parent().unwrap().join("arena");
-    if !path.exists() {
-        let profile = if cfg!(debug_assertions) { "dev" } else { "release" };
-        let built = Command::new(env!("CARGO"))
-            .args(["build", "--locked", "-p", "arena", "--bin", "arena", "--profile", profile])
-            .current_dir(root())
-            .status()
-            .unwrap();
-        assert!(built.success());
-    }
-    path
-}
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target);
-        } else {
-            fs::copy(entry.path(), target).unwrap();
-        }
-    }
-}
-
 impl Live {
     fn up(name: &str, port_offset: u16, scenario: &str) -> Self {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("live-{name}"));
         let _ = fs::remove_dir_all(&folder);
-        copy(&root().join("config"), &folder.join("config"));
+        copy(&config(), &folder.join("config"));
         let network = folder.join("config/network.toml");
         let text = fs::read_to_string(&network).unwrap();
         let text = [47101_u16, 47102, 47103, 51001, 52000, 52100]
@@ -129,7 +98,9 @@ impl Live {
     }
 
     fn signal(id: i32, name: &str) {
-        assert!(Command::new("kill").args([&format!("-{name}"), &id.to_string()]).status().unwrap().success());
+        assert!(
+            Command::new("kill").args([&format!("-{name}"), &id.to_string()]).status().unwrap().success()
+        );
     }
 
     fn interrupt(&self) {
@@ -176,11 +147,29 @@ fn a_live_arena_hovers_completes_flips_and_lands_first_when_interrupted() {
 fn every_process_may_be_killed_in_hover_and_the_arena_goes_on() {
     let mut live = Live::up("kills", 500, "double-flip");
     live.hover();
-    for service in ["learner", "flip-manager", "vicon-bridge", "estimator", "hover-controller", "radio-bridge"] {
+    for service in
+        ["learner", "flip-manager", "vicon-bridge", "estimator", "hover-controller", "radio-bridge"]
+    {
         Live::signal(live.process_of(service), "KILL");
         live.wait_for("restart", |line| line == format!("{service} runs again"));
         live.wait_for("tracked vehicle after the restart", |line| line.contains("Tracking"));
     }
     live.interrupt();
     live.wait_for("end", |line| line == "landed");
+}
+
+#[test]
+fn a_controller_killed_for_good_ends_in_a_landing() {
+    let mut live = Live::up("for-good", 600, "double-flip");
+    live.hover();
+    for _ in 0..3 {
+        Live::signal(live.process_of("hover-controller"), "KILL");
+        live.wait_for("restart", |line| line == "hover-controller runs again");
+    }
+    Live::signal(live.process_of("hover-controller"), "KILL");
+    live.wait_for("surrender", |line| line == "hover-controller ended too often; it stays down");
+    // Down, the vehicle is done, and with it the arena.
+    live.wait_for("vehicle on the floor", |line| {
+        line == "every vehicle is done and down" || height_of(line).is_some_and(|height| height < 0.1)
+    });
 }

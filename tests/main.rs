@@ -1,5 +1,9 @@
 //! The arena as a whole, in one test binary: one module per subject.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
+
+/// The front door as people and scripts use it.
+mod cli;
 /// What several subjects share: settings, an arena in virtual time, what was heard.
 mod common;
 /// One fear each: what the arena does when something breaks.
@@ -10,6 +14,8 @@ mod flights;
 mod hostile;
 /// Real processes on loopback multicast.
 mod live;
+/// In how many slices the time is run through makes no difference.
+mod slices;
 /// The design's invariants, held against the source itself.
 mod tidy;
 /// The topic table is what the services say it is.

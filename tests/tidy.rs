@@ -12,7 +12,8 @@ fn root() -> PathBuf {
 }
 
 fn files_below(folder: &Path, ending: &str, found: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut entries: Vec<PathBuf> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     entries.sort();
     for path in entries {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
@@ -66,7 +67,10 @@ fn every_file_says_what_it_is_first() {
 fn files_stay_short() {
     for (name, text) in sources() {
         let lines = text.lines().count();
-        assert!(lines <= FILE_LINES_MAX, "{name} has {lines} lines, more than {FILE_LINES_MAX}: split it by meaning");
+        assert!(
+            lines <= FILE_LINES_MAX,
+            "{name} has {lines} lines, more than {FILE_LINES_MAX}: split it by meaning"
+        );
     }
 }
 
@@ -77,10 +81,19 @@ fn functions_stay_short() {
         for (number, line) in text.lines().enumerate() {
             let indent: String = line.chars().take_while(|c| *c == ' ').collect();
             let word = line.trim_start();
-            let is_function = ["fn ", "pub fn ", "pub(crate) fn ", "pub(super) fn ", "const fn ", "pub const fn ",
-                "async fn ", "pub async fn ", "pub(crate) const fn "]
-                .iter()
-                .any(|start| word.starts_with(start));
+            let is_function = [
+                "fn ",
+                "pub fn ",
+                "pub(crate) fn ",
+                "pub(super) fn ",
+                "const fn ",
+                "pub const fn ",
+                "async fn ",
+                "pub async fn ",
+                "pub(crate) const fn ",
+            ]
+            .iter()
+            .any(|start| word.starts_with(start));
             if is_function && !word.ends_with(';') && !word.ends_with('}') {
                 open = Some((number, indent, word.to_owned()));
             } else if let Some((begin, begin_indent, signature)) = &open
@@ -96,7 +109,17 @@ fn functions_stay_short() {
 
 #[test]
 fn cores_name_no_socket_clock_file_or_environment() {
-    let banned = ["tokio", "socket2", "std::time", "std::fs", "std::net", "std::env", "std::thread", "SystemTime", "Instant"];
+    let banned = [
+        "tokio",
+        "socket2",
+        "std::time",
+        "std::fs",
+        "std::net",
+        "std::env",
+        "std::thread",
+        "SystemTime",
+        "Instant",
+    ];
     let mut seen = 0;
     for (name, text) in sources().iter().filter(|(name, _)| is_core_source(name)) {
         seen += 1;
@@ -112,7 +135,15 @@ fn cores_name_no_socket_clock_file_or_environment() {
 
 #[test]
 fn no_service_depends_on_another_and_the_learner_never_on_the_plant() {
-    let cores = ["estimator", "hover-controller", "flip-manager", "learner", "vicon-bridge", "radio-bridge", "simulator"];
+    let cores = [
+        "estimator",
+        "hover-controller",
+        "flip-manager",
+        "learner",
+        "vicon-bridge",
+        "radio-bridge",
+        "simulator",
+    ];
     let mut manifests = Vec::new();
     files_below(&root().join("services"), "Cargo.toml", &mut manifests);
     files_below(&root().join("bridges"), "Cargo.toml", &mut manifests);
@@ -167,7 +198,9 @@ fn versions_are_named_once_in_the_workspace() {
     for path in manifests {
         let manifest: toml::Table = fs::read_to_string(&path).unwrap().parse().unwrap();
         for section in ["dependencies", "dev-dependencies"] {
-            let Some(dependencies) = manifest.get(section).and_then(|section| section.as_table()) else { continue };
+            let Some(dependencies) = manifest.get(section).and_then(|section| section.as_table()) else {
+                continue;
+            };
             for (name, value) in dependencies {
                 let shared = value.get("workspace").and_then(toml::Value::as_bool) == Some(true);
                 assert!(shared, "{}: {name} does not come from the workspace", path.display());

@@ -38,8 +38,7 @@ impl Topic {
 
     fn definition(&self) -> &(u64, String) {
         // Composed once: the text is long, and every datagram carries the id.
-        self.definition
-            .get_or_init(|| (self.schema.id(), self.schema.text()))
+        self.definition.get_or_init(|| (self.schema.id(), self.schema.text()))
     }
 }
 

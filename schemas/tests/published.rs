@@ -37,13 +37,7 @@ fn every_published_definition_is_fresh_and_none_is_left_over() {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("published");
     let mut found: Vec<String> = std::fs::read_dir(directory)
         .expect("the directory is part of the repository")
-        .map(|entry| {
-            entry
-                .expect("a readable entry")
-                .file_name()
-                .to_string_lossy()
-                .into_owned()
-        })
+        .map(|entry| entry.expect("a readable entry").file_name().to_string_lossy().into_owned())
         .collect();
     found.sort();
     assert_eq!(found, expected);
@@ -57,11 +51,6 @@ fn no_two_types_share_a_name_or_an_id() {
     }
     for topic in topics::ALL {
         let named = types()[topic.schema.name];
-        assert_eq!(
-            named.text(),
-            topic.schema.text(),
-            "two types are called {}",
-            topic.schema.name
-        );
+        assert_eq!(named.text(), topic.schema.text(), "two types are called {}", topic.schema.name);
     }
 }

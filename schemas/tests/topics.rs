@@ -17,12 +17,7 @@ fn no_two_topics_share_a_name_or_a_hash() {
 fn the_hash_is_fnv_1a() {
     assert_eq!(topic_hash("foobar"), 0xbf9c_f968, "the published vector");
     for topic in topics::ALL {
-        assert_eq!(
-            topic.hash,
-            reflect::fnv1a_32(topic.name.as_bytes()),
-            "{}",
-            topic.name
-        );
+        assert_eq!(topic.hash, reflect::fnv1a_32(topic.name.as_bytes()), "{}", topic.name);
     }
 }
 
@@ -32,9 +27,7 @@ fn names_are_words_between_slashes() {
         let words: Vec<&str> = topic.name.split('/').collect();
         assert!(words.len() >= 2 && topic.name.len() <= 64, "{}", topic.name);
         for word in words {
-            let valid = word
-                .chars()
-                .all(|letter| letter.is_ascii_lowercase() || letter == '-');
+            let valid = word.chars().all(|letter| letter.is_ascii_lowercase() || letter == '-');
             assert!(
                 valid && !word.is_empty() && !word.starts_with('-') && !word.ends_with('-'),
                 "{}",
@@ -48,17 +41,8 @@ fn names_are_words_between_slashes() {
 #[test]
 fn every_topic_has_one_writer_and_each_reader_once() {
     for topic in topics::ALL {
-        assert!(
-            !topic.writer.is_empty() && !topic.writer.contains([',', ' ']),
-            "{}",
-            topic.name
-        );
-        assert_eq!(
-            topic.writer == "*",
-            topic.name.starts_with("node/"),
-            "{}",
-            topic.name
-        );
+        assert!(!topic.writer.is_empty() && !topic.writer.contains([',', ' ']), "{}", topic.name);
+        assert_eq!(topic.writer == "*", topic.name.starts_with("node/"), "{}", topic.name);
         let readers: BTreeSet<&str> = topic.readers.iter().copied().collect();
         assert_eq!(readers.len(), topic.readers.len(), "{}", topic.name);
         assert!(!readers.contains("*") && topic.rate_hz > 0, "{}", topic.name);

@@ -42,7 +42,10 @@ fn long_dropouts_end_in_a_descent_that_does_not_hurt() {
             flight.run(Span::from_secs(25));
             let truth = flight.arena.plant().truth(1).unwrap();
             assert!(truth.motors_off(), "{shown:?}, seed {seed}: still flies: {truth:?}");
-            println!("{shown:?}, seed {seed}: touched down at {:.2} m/s", flight.arena.plant().extremes(1).unwrap().touchdown_m_s_max);
+            println!(
+                "{shown:?}, seed {seed}: touched down at {:.2} m/s",
+                flight.arena.plant().extremes(1).unwrap().touchdown_m_s_max
+            );
         }
     }
 }
@@ -64,7 +67,9 @@ fn poses_that_cannot_be_are_not_followed() {
 
 #[test]
 fn frozen_frame_numbers_and_late_frames_are_a_dropout() {
-    for fault in [Fault::FrozenFrameNumber, Fault::CamerasSilent, Fault::LateFrames { delay: Span::from_millis(40) }] {
+    for fault in
+        [Fault::FrozenFrameNumber, Fault::CamerasSilent, Fault::LateFrames { delay: Span::from_millis(40) }]
+    {
         let flight = endure(fault, Span::from_millis(80), 35);
         assert!(off_place_m(&flight, 1) < 0.05, "{fault:?}: {} m off", off_place_m(&flight, 1));
     }
@@ -84,6 +89,10 @@ fn neither_of_two_swapped_vehicles_follows_the_other() {
     flight.arena.plant_mut().fault(Fault::SwappedMarkers { vehicle: 1, other: 2 }, now, now + span);
     flight.run(Span::from_secs(20));
     for vehicle in [1, 2] {
-        assert!(off_place_m(&flight, vehicle) < 0.05, "vehicle {vehicle}: {} m", off_place_m(&flight, vehicle));
+        assert!(
+            off_place_m(&flight, vehicle) < 0.05,
+            "vehicle {vehicle}: {} m",
+            off_place_m(&flight, vehicle)
+        );
     }
 }

@@ -2,6 +2,8 @@
 
 /// The cameras lose a vehicle, or lie about it.
 mod cameras;
+/// The command link falls silent, in every phase of a flight.
+mod link;
 /// The bus loses, doubles, delays and bends datagrams.
 mod network;
 /// A service dies, sleeps or comes back.

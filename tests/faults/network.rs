@@ -42,11 +42,7 @@ fn bent_datagrams_are_dropped_and_counted() {
 #[test]
 fn a_cut_between_estimator_and_controller_ends_in_a_landing_not_in_a_crash() {
     let mut flight = Flight::hovering("double-flip", 24);
-    flight
-        .arena
-        .network_mut()
-        .partitions
-        .insert(("estimator".to_owned(), "hover-controller".to_owned()));
+    flight.arena.network_mut().partitions.insert(("estimator".to_owned(), "hover-controller".to_owned()));
     flight.run(Span::from_secs(25));
     let truth = flight.arena.plant().truth(1).unwrap();
     assert!(truth.motors_off(), "{truth:?}");

@@ -6,3 +6,5 @@ mod hover;
 mod learning;
 /// Prediction through the queue of sent commands.
 mod prediction;
+/// Out of any attitude, and flips in any direction.
+mod recovery;

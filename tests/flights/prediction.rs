@@ -53,8 +53,10 @@ impl Core for Pilot {
         self.next_at = now + Span::from_millis(10);
         let t = (now - self.started_at).as_secs_f64() - 8.0;
         // The speed rises over two seconds, so that the circle is entered gently.
-        let (speed, gain) = if t < 2.0 { (SPEED_M_S * t.max(0.0) / 2.0, t.max(0.0) / 2.0) } else { (SPEED_M_S, 1.0) };
-        let turned = if t < 2.0 { SPEED_M_S * t.max(0.0) * gain / 2.0 } else { SPEED_M_S * (t - 1.0) } / RADIUS_M;
+        let (speed, gain) =
+            if t < 2.0 { (SPEED_M_S * t.max(0.0) / 2.0, t.max(0.0) / 2.0) } else { (SPEED_M_S, 1.0) };
+        let turned =
+            if t < 2.0 { SPEED_M_S * t.max(0.0) * gain / 2.0 } else { SPEED_M_S * (t - 1.0) } / RADIUS_M;
         let (sin, cos) = math::sin_cos(turned);
         out.publish(VehicleGoal {
             vehicle: 1,
@@ -119,7 +121,8 @@ fn circle(total_delay_s: f64, predict: bool, seed: u64) -> Accuracy {
     while flying.now() < start + Span::from_secs(30) {
         flying.run_for(Span::from_millis(1), &mut |heard| {
             states.extend(
-                message::<VehicleState>(&heard, &topics::VEHICLE_STATE).filter(|state| state.predicted_for > settled),
+                message::<VehicleState>(&heard, &topics::VEHICLE_STATE)
+                    .filter(|state| state.predicted_for > settled),
             );
         });
         let now = flying.plant().truth(1).unwrap();

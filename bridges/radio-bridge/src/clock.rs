@@ -166,11 +166,7 @@ impl VehicleClock {
         if on_air < Span::ZERO || on_air > DELAY_MAX * 2 {
             return;
         }
-        while self
-            .exchanges
-            .front()
-            .is_some_and(|old| arrived - old.down.arena > self.window)
-        {
+        while self.exchanges.front().is_some_and(|old| arrived - old.down.arena > self.window) {
             self.exchanges.pop_front();
         }
         self.exchanges.push_back(Exchange { up, down });
@@ -182,9 +178,7 @@ impl VehicleClock {
     /// clock's zero.
     pub(crate) fn at(&self, vehicle_us: u64) -> Option<Time> {
         let stamp = Stamp::new(vehicle_us, Time::ZERO)?;
-        self.fit
-            .as_ref()
-            .map(|fit| fit.at(stamp.vehicle_ns).max(Time::ZERO))
+        self.fit.as_ref().map(|fit| fit.at(stamp.vehicle_ns).max(Time::ZERO))
     }
 
     /// How far the fit may be off at `now`.
@@ -209,13 +203,7 @@ impl VehicleClock {
         let earlier = self.fit.as_ref().is_none_or(|fit| offset_ns < fit.offset_ns);
         if earlier {
             let (reference_ns, newest) = (stamp.vehicle_ns, stamp.arena);
-            self.fit = Some(Fit {
-                reference_ns,
-                offset_ns,
-                rate_ratio: 0.0,
-                half_gap_ns: 0.0,
-                newest,
-            });
+            self.fit = Some(Fit { reference_ns, offset_ns, rate_ratio: 0.0, half_gap_ns: 0.0, newest });
         }
     }
 
@@ -230,16 +218,8 @@ impl VehicleClock {
             let drift_ns = rate_ratio * (stamp.vehicle_ns - reference_ns) as f64;
             (stamp.offset_ns() - base_ns) as f64 - drift_ns
         };
-        let low = self
-            .exchanges
-            .iter()
-            .map(|e| carried(e.up))
-            .fold(f64::NEG_INFINITY, f64::max);
-        let high = self
-            .exchanges
-            .iter()
-            .map(|e| carried(e.down))
-            .fold(f64::INFINITY, f64::min);
+        let low = self.exchanges.iter().map(|e| carried(e.up)).fold(f64::NEG_INFINITY, f64::max);
+        let high = self.exchanges.iter().map(|e| carried(e.down)).fold(f64::INFINITY, f64::min);
         if high < low - RATE_RATIO_MAX * self.window.as_nanos() as f64 {
             // No rate explains this: one of the clocks leapt. Only the newest exchange is known to be of the
             // new one.
@@ -270,9 +250,7 @@ struct Rate {
 impl Rate {
     fn hear(&mut self, stamp: Stamp) {
         if self.block_ends.is_some_and(|end| stamp.arena < end) {
-            let faster = self
-                .fastest
-                .is_none_or(|fastest| stamp.offset_ns() < fastest.offset_ns());
+            let faster = self.fastest.is_none_or(|fastest| stamp.offset_ns() < fastest.offset_ns());
             if faster {
                 self.fastest = Some(stamp);
             }

@@ -7,10 +7,7 @@ struct Noise(u64);
 
 impl Noise {
     fn uniform(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
@@ -33,15 +30,7 @@ struct World {
 impl World {
     fn new(seed: u64, drift_ratio: f64) -> Self {
         let (up, down) = ((0.008, 0.002), (0.008, 0.002));
-        Self {
-            noise: Noise(seed),
-            drift_ratio,
-            boot_s: -87.3,
-            up,
-            down,
-            loss_ratio: 0.02,
-            now_s: 5.0,
-        }
+        Self { noise: Noise(seed), drift_ratio, boot_s: -87.3, up, down, loss_ratio: 0.02, now_s: 5.0 }
     }
 
     fn uptime_us(&self, arena_s: f64) -> u64 {
@@ -125,11 +114,7 @@ fn a_second_of_quick_pings_is_enough_to_begin_with() {
     for seed in 1..=20 {
         let (mut world, mut clock) = (World::new(seed, 20e-6), clock());
         world.run(&mut clock, 1.0, 1);
-        assert!(
-            world.error_s(&clock, 0.0).abs() < 500e-6,
-            "error {}",
-            world.error_s(&clock, 0.0)
-        );
+        assert!(world.error_s(&clock, 0.0).abs() < 500e-6, "error {}", world.error_s(&clock, 0.0));
         assert!((0.008..0.0095).contains(&clock.uncertainty_s(at(world.now_s))));
         let least = clock.least_delay().expect("answered").as_secs_f64();
         assert!((0.008..0.009).contains(&least), "least delay {least}");
@@ -174,10 +159,7 @@ fn before_the_first_answer_there_is_a_guess_that_says_so() {
         clock.hear(world.uptime_us(world.now_s), at(world.now_s + 0.012));
     }
     assert!(world.error_s(&clock, 0.0).abs() < 5e-3);
-    assert_eq!(
-        (clock.uncertainty_s(at(world.now_s)), clock.least_delay()),
-        (1.0, None)
-    );
+    assert_eq!((clock.uncertainty_s(at(world.now_s)), clock.least_delay()), (1.0, None));
 }
 
 #[test]
@@ -198,15 +180,9 @@ fn a_vehicle_switched_on_anew_is_noticed_at_its_second_message() {
     world.run(&mut clock, 5.0, 10);
     world.boot_s = world.now_s - 3.0;
     world.now_s += 0.05;
-    assert_eq!(
-        clock.hear(world.uptime_us(world.now_s), at(world.now_s + 0.01)),
-        Plausibility::Implausible
-    );
+    assert_eq!(clock.hear(world.uptime_us(world.now_s), at(world.now_s + 0.01)), Plausibility::Implausible);
     world.now_s += 0.05;
-    assert_eq!(
-        clock.hear(world.uptime_us(world.now_s), at(world.now_s + 0.01)),
-        Plausibility::Restarted
-    );
+    assert_eq!(clock.hear(world.uptime_us(world.now_s), at(world.now_s + 0.01)), Plausibility::Restarted);
     assert_eq!(clock.answers(), 0);
     world.run(&mut clock, 2.0, 1);
     assert!(world.error_s(&clock, 0.0).abs() < 500e-6);
@@ -220,10 +196,7 @@ fn one_absurd_stamp_changes_nothing() {
     for absurd in [u64::MAX, u64::MAX / 2, i64::MAX as u64 / 1000, 0, 1] {
         let arrived = at(world.now_s + 0.01);
         assert_eq!(clock.hear(absurd, arrived), Plausibility::Implausible);
-        assert_eq!(
-            clock.hear(world.uptime_us(world.now_s), arrived),
-            Plausibility::Plausible
-        );
+        assert_eq!(clock.hear(world.uptime_us(world.now_s), arrived), Plausibility::Plausible);
     }
     assert_eq!(world.error_s(&clock, 0.0), before);
     assert_eq!(clock.at(u64::MAX), None);

@@ -30,13 +30,7 @@ pub(crate) struct LinkDelay {
 impl LinkDelay {
     /// Not yet measured: `setting_s`. Measured, it is to the frame's arrival, to which `action_s` is added.
     pub(crate) const fn new(setting_s: f64, action_s: f64) -> Self {
-        Self {
-            delay_s: setting_s,
-            action_s,
-            values: [Span::ZERO; MEDIAN_OF],
-            next: 0,
-            full: false,
-        }
+        Self { delay_s: setting_s, action_s, values: [Span::ZERO; MEDIAN_OF], next: 0, full: false }
     }
 
     /// The delay as far as it is known, 0 to 0.2 s.
@@ -88,11 +82,7 @@ mod tests {
             assert!(!delay.measure(Span::from_millis(640)));
             assert!(!delay.measure(Span::from_millis(-30)));
             let odd = frame % 5 == 0;
-            assert!(delay.measure(Span::from_micros(if odd {
-                150_000
-            } else {
-                18_200 + frame % 7 * 100
-            })));
+            assert!(delay.measure(Span::from_micros(if odd { 150_000 } else { 18_200 + frame % 7 * 100 })));
         }
         assert!((delay.delay_s() - 0.0186).abs() < 2e-4, "{}", delay.delay_s());
     }

@@ -38,10 +38,7 @@ impl Lease {
             Some(holder) if epoch == holder => Admission::Held,
             Some(holder) if epoch < holder => {
                 self.refused += 1;
-                Admission::Refused {
-                    holder,
-                    refused: self.refused,
-                }
+                Admission::Refused { holder, refused: self.refused }
             }
             from => {
                 self.epoch = Some(epoch);
@@ -61,28 +58,10 @@ mod tests {
         let mut lease = Lease::default();
         assert_eq!(lease.admit(3), Admission::TakenOver { from: None });
         assert_eq!(lease.admit(3), Admission::Held);
-        assert_eq!(
-            lease.admit(2),
-            Admission::Refused {
-                holder: 3,
-                refused: 1
-            }
-        );
+        assert_eq!(lease.admit(2), Admission::Refused { holder: 3, refused: 1 });
         assert_eq!(lease.admit(5), Admission::TakenOver { from: Some(3) });
-        assert_eq!(
-            lease.admit(3),
-            Admission::Refused {
-                holder: 5,
-                refused: 1
-            }
-        );
-        assert_eq!(
-            lease.admit(4),
-            Admission::Refused {
-                holder: 5,
-                refused: 2
-            }
-        );
+        assert_eq!(lease.admit(3), Admission::Refused { holder: 5, refused: 1 });
+        assert_eq!(lease.admit(4), Admission::Refused { holder: 5, refused: 2 });
         assert_eq!(lease.admit(5), Admission::Held);
     }
 
@@ -92,9 +71,7 @@ mod tests {
         for _ in 0..200 {
             let (mut lease, mut highest) = (Lease::default(), 0);
             for _ in 0..50 {
-                state = state
-                    .wrapping_mul(6_364_136_223_846_793_005)
-                    .wrapping_add(1_442_695_040_888_963_407);
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
                 let epoch = (state >> 33) as u32 % 5;
                 let admitted = !matches!(lease.admit(epoch), Admission::Refused { .. });
                 assert_eq!(admitted, epoch >= highest);

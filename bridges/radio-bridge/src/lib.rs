@@ -127,12 +127,7 @@ impl Core for RadioBridge {
     }
 
     fn deadline(&self) -> Option<Time> {
-        Some(
-            self.vehicles
-                .iter()
-                .map(Vehicle::due_at)
-                .fold(self.schedule.next_at(), Time::min),
-        )
+        Some(self.vehicles.iter().map(Vehicle::due_at).fold(self.schedule.next_at(), Time::min))
     }
 
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
@@ -202,13 +197,9 @@ impl RadioBridge {
                 self.counters.commands_refused += 1;
                 if refused >= CONFLICT_COMMANDS_MIN {
                     let detail = || {
-                        format!(
-                            "a controller of epoch {} commands on, {holder} holds",
-                            command.lease_epoch
-                        )
+                        format!("a controller of epoch {} commands on, {holder} holds", command.lease_epoch)
                     };
-                    self.reports
-                        .warn(now, command.vehicle, "lease-conflict", detail, out);
+                    self.reports.warn(now, command.vehicle, "lease-conflict", detail, out);
                 }
             }
         }
@@ -222,8 +213,7 @@ impl RadioBridge {
         if let Err(computed) = vehicle.upload(now, message, &pace) {
             let (set_id, digest) = (message.set_id, message.digest);
             let detail = || format!("set {set_id} says {digest:016x}, its items come to {computed:016x}");
-            self.reports
-                .warn(now, message.vehicle, "upload-digest-mismatch", detail, out);
+            self.reports.warn(now, message.vehicle, "upload-digest-mismatch", detail, out);
         }
     }
 
@@ -233,11 +223,7 @@ impl RadioBridge {
         };
         for vehicle in &mut self.vehicles {
             match vehicle.commands.serve(now, slot, vehicle.delay.delay_s()) {
-                Served::Sent {
-                    bytes,
-                    report,
-                    resumed,
-                } => {
+                Served::Sent { bytes, report, resumed } => {
                     self.counters.commands_sent += 1;
                     out.publish(bytes);
                     out.publish(report);
@@ -284,14 +270,7 @@ impl RadioBridge {
             return;
         }
         let arrived = received.at.min(now);
-        let Self {
-            data_link,
-            vehicles,
-            reports,
-            counters,
-            pace,
-            ..
-        } = self;
+        let Self { data_link, vehicles, reports, counters, pace, .. } = self;
         data_link.receive(&received.bytes, |heard| match heard {
             Heard::Payload { source, data } => {
                 let Some(vehicle) = vehicles.iter_mut().find(|vehicle| vehicle.address == source) else {

@@ -41,17 +41,8 @@ impl StartOrder {
     pub(crate) fn send_due(&mut self, now: Time, retry: Span, mut send: impl FnMut(Uplink)) {
         if now >= self.next_at {
             self.next_at = now.saturating_add(retry);
-            let ManeuverStart {
-                maneuver_id,
-                set_id,
-                digest,
-                ..
-            } = self.order;
-            send(Uplink::Start {
-                maneuver_id,
-                set_id,
-                digest,
-            });
+            let ManeuverStart { maneuver_id, set_id, digest, .. } = self.order;
+            send(Uplink::Start { maneuver_id, set_id, digest });
         }
     }
 }
@@ -67,11 +58,7 @@ pub(crate) struct AbortOrder {
 impl AbortOrder {
     /// An order to be sent at once, and `repeats` times in all.
     pub(crate) const fn new(now: Time, order: ManeuverAbort, repeats: u32) -> Self {
-        Self {
-            order,
-            left: repeats,
-            next_at: now,
-        }
+        Self { order, left: repeats, next_at: now }
     }
 
     /// The maneuver.
@@ -99,9 +86,7 @@ impl AbortOrder {
         if now >= self.next_at && self.left > 0 {
             self.next_at = now.saturating_add(retry);
             self.left -= 1;
-            send(Uplink::Abort {
-                maneuver_id: self.order.maneuver_id,
-            });
+            send(Uplink::Abort { maneuver_id: self.order.maneuver_id });
         }
     }
 }

@@ -37,12 +37,7 @@ pub(crate) struct Slot {
 impl Schedule {
     /// Slot k begins at `start` + k·`length`.
     pub(crate) const fn new(start: Time, length: Span) -> Self {
-        Self {
-            start,
-            length,
-            next: 0,
-            missed: 0,
-        }
+        Self { start, length, next: 0, missed: 0 }
     }
 
     /// When the next slot begins.
@@ -62,27 +57,18 @@ impl Schedule {
         }
         let current = ((now - self.start).as_nanos() / self.length.as_nanos()) as u64;
         let late = now - self.begin(current);
-        let number = if late <= self.length / 2 {
-            current
-        } else {
-            current + 1
-        };
+        let number = if late <= self.length / 2 { current } else { current + 1 };
         self.missed += number - self.next;
         if number > current {
             self.next = number;
             return None;
         }
         self.next = number + 1;
-        Some(Slot {
-            number,
-            next_at: self.next_at(),
-        })
+        Some(Slot { number, next_at: self.next_at() })
     }
 
     fn begin(&self, slot: u64) -> Time {
-        self.start.saturating_add(Span::from_nanos(
-            self.length.as_nanos().saturating_mul(slot as i64),
-        ))
+        self.start.saturating_add(Span::from_nanos(self.length.as_nanos().saturating_mul(slot as i64)))
     }
 }
 
@@ -118,14 +104,7 @@ pub(crate) enum Served {
 impl CommandLink {
     /// A link that has sent nothing; commands over `age_max` old are not sent.
     pub(crate) const fn new(vehicle: u8, age_max: Span) -> Self {
-        Self {
-            vehicle,
-            age_max,
-            newest: None,
-            counter: 0,
-            sent_at: [None; COUNTERS],
-            talking: false,
-        }
+        Self { vehicle, age_max, newest: None, counter: 0, sent_at: [None; COUNTERS], talking: false }
     }
 
     /// A command its lease allows.
@@ -162,19 +141,12 @@ impl CommandLink {
         let bytes = DeviceBytes {
             port: Ports::command_link(self.vehicle),
             at: now,
-            bytes: bytes
-                .as_slice()
-                .try_into()
-                .expect("25 bytes are within the bound of device bytes"),
+            bytes: bytes.as_slice().try_into().expect("25 bytes are within the bound of device bytes"),
         };
         self.sent_at[usize::from(self.counter)] = Some(now);
         self.counter = CommandFrame::next_counter(self.counter);
         let resumed = !std::mem::replace(&mut self.talking, true);
-        Served::Sent {
-            bytes,
-            report,
-            resumed,
-        }
+        Served::Sent { bytes, report, resumed }
     }
 
     fn usable(&self, now: Time) -> Result<VehicleCommand, &'static str> {
@@ -189,11 +161,7 @@ impl CommandLink {
     fn fall_silent(&mut self, reason: &'static str) -> Served {
         // What is too old now will not get younger.
         self.newest = None;
-        if std::mem::replace(&mut self.talking, false) {
-            Served::FellSilent(reason)
-        } else {
-            Served::Silent
-        }
+        if std::mem::replace(&mut self.talking, false) { Served::FellSilent(reason) } else { Served::Silent }
     }
 }
 
@@ -218,9 +186,7 @@ fn frame(command: &VehicleCommand, vehicle: u8, counter: u8) -> Option<(CommandF
         epoch_low: command.lease_epoch as u8,
     };
     let channels = frame.encode(vehicle).ok()?;
-    CommandFrame::decode(&channels)
-        .ok()
-        .map(|(_, as_sent)| (as_sent, channels))
+    CommandFrame::decode(&channels).ok().map(|(_, as_sent)| (as_sent, channels))
 }
 
 #[cfg(test)]
@@ -254,10 +220,7 @@ mod tests {
         0x0F, 0x55, 0x6C, 0x5A, 0xD1, 0x56, 0x88, 0xB3, 0x10, 0xFA, 0x0D, 0x50, 0xDA, 0x1B, 0xC0, 0x01, 0x02,
         0x00, 0x00, 0x00, 0x04, 0x00, 0xA2, 0x00, 0x00,
     ];
-    const SLOT: Slot = Slot {
-        number: 5,
-        next_at: Time::from_nanos(120_000_000),
-    };
+    const SLOT: Slot = Slot { number: 5, next_at: Time::from_nanos(120_000_000) };
 
     #[test]
     fn slots_follow_the_absolute_schedule_once_each() {
@@ -267,10 +230,7 @@ mod tests {
             let late = Span::from_micros(number * 37 % 900);
             let at = ms(1000 + 20 * number) + late;
             let slot = schedule.due(at).expect("due");
-            assert_eq!(
-                (slot.number, slot.next_at),
-                (number as u64, ms(1020 + 20 * number))
-            );
+            assert_eq!((slot.number, slot.next_at), (number as u64, ms(1020 + 20 * number)));
             assert_eq!(schedule.due(at), None);
         }
         assert_eq!(schedule.missed(), 0);
@@ -281,19 +241,10 @@ mod tests {
         let mut schedule = Schedule::new(ms(0), Span::from_millis(20));
         assert_eq!(schedule.due(ms(0)).map(|slot| slot.number), Some(0));
         // Early in slot 7: that one, and none of those missed.
-        assert_eq!(
-            schedule.due(ms(149)),
-            Some(Slot {
-                number: 7,
-                next_at: ms(160)
-            })
-        );
+        assert_eq!(schedule.due(ms(149)), Some(Slot { number: 7, next_at: ms(160) }));
         assert_eq!((schedule.missed(), schedule.due(ms(150))), (6, None));
         // Late in slot 9: left out, the next is 10.
-        assert_eq!(
-            (schedule.due(ms(195)), schedule.next_at(), schedule.missed()),
-            (None, ms(200), 8)
-        );
+        assert_eq!((schedule.due(ms(195)), schedule.next_at(), schedule.missed()), (None, ms(200), 8));
         let mut sent = vec![];
         for at in (195..1000).step_by(3).filter(|at| at % 70 < 50) {
             sent.extend(schedule.due(ms(at)).map(|_| at));
@@ -306,12 +257,7 @@ mod tests {
         let mut link = link();
         link.counter = 19;
         link.command(ms(90), command(ms(150)));
-        let Served::Sent {
-            bytes,
-            report,
-            resumed,
-        } = link.serve(ms(100), SLOT, 0.018)
-        else {
+        let Served::Sent { bytes, report, resumed } = link.serve(ms(100), SLOT, 0.018) else {
             panic!("silent")
         };
         assert!(resumed);
@@ -320,28 +266,19 @@ mod tests {
         // 7 1 0 0 1 that the map's table gives for this command.
         assert_eq!(bytes.bytes[..], GOLDEN);
         assert_eq!((report.vehicle, report.slot, report.lease_epoch), (3, 5, 0x107));
-        assert_eq!(
-            (report.sent_at, report.next_slot_at, report.link_delay_s),
-            (ms(100), ms(120), 0.018)
-        );
+        assert_eq!((report.sent_at, report.next_slot_at, report.link_delay_s), (ms(100), ms(120), 0.018));
     }
 
     #[test]
     fn the_report_is_what_the_vehicle_reads() {
         let mut link = link();
         link.command(ms(90), command(ms(150)));
-        let Served::Sent { bytes, report, .. } = link.serve(ms(100), SLOT, 0.018) else {
-            panic!("silent")
-        };
-        let channels = sbus::Frame::decode(bytes.bytes[..].try_into().expect("25"))
-            .expect("a frame")
-            .channels;
+        let Served::Sent { bytes, report, .. } = link.serve(ms(100), SLOT, 0.018) else { panic!("silent") };
+        let channels =
+            sbus::Frame::decode(bytes.bytes[..].try_into().expect("25")).expect("a frame").channels;
         let (vehicle, frame) = CommandFrame::decode(&channels).expect("sealed");
         assert_eq!((vehicle, frame.mode, frame.hints_valid), (3, LinkMode::Fly, true));
-        assert_eq!(
-            (report.collective_m_s2, report.rate_rad_s),
-            (frame.collective_m_s2, frame.rate_rad_s)
-        );
+        assert_eq!((report.collective_m_s2, report.rate_rad_s), (frame.collective_m_s2, frame.rate_rad_s));
         assert_ne!(report.collective_m_s2, 9.81);
         assert!((frame.pitch_rad + 0.2).abs() < 1e-3 && (frame.roll_rad - 0.1).abs() < 2e-3);
     }
@@ -354,24 +291,14 @@ mod tests {
             assert_eq!(link.serve(at, SLOT, 0.018), Served::Silent);
         }
         let mut link = link();
-        assert_eq!(
-            link.serve(ms(0), SLOT, 0.018),
-            Served::Silent,
-            "never commanded, never heard"
-        );
+        assert_eq!(link.serve(ms(0), SLOT, 0.018), Served::Silent, "never commanded, never heard");
         link.command(ms(100), command(ms(130)));
         assert!(matches!(link.serve(ms(100), SLOT, 0.018), Served::Sent { .. }));
-        assert!(matches!(
-            link.serve(ms(120), SLOT, 0.018),
-            Served::Sent { resumed: false, .. }
-        ));
+        assert!(matches!(link.serve(ms(120), SLOT, 0.018), Served::Sent { resumed: false, .. }));
         assert!(matches!(link.serve(ms(140), SLOT, 0.018), Served::FellSilent(_)));
         assert_eq!(link.serve(ms(160), SLOT, 0.018), Served::Silent);
         link.command(ms(170), command(ms(230)));
-        assert!(matches!(
-            link.serve(ms(180), SLOT, 0.018),
-            Served::Sent { resumed: true, .. }
-        ));
+        assert!(matches!(link.serve(ms(180), SLOT, 0.018), Served::Sent { resumed: true, .. }));
     }
 
     #[test]
@@ -390,32 +317,17 @@ mod tests {
     #[test]
     fn no_number_no_frame() {
         let mut link = link();
-        link.command(
-            ms(100),
-            VehicleCommand {
-                collective_m_s2: f64::NAN,
-                ..command(ms(150))
-            },
-        );
+        link.command(ms(100), VehicleCommand { collective_m_s2: f64::NAN, ..command(ms(150)) });
         assert_eq!(link.serve(ms(100), SLOT, 0.018), Served::Silent);
     }
 
     #[test]
     fn a_descent_is_ordered_without_hints() {
         let mut link = link();
-        link.command(
-            ms(100),
-            VehicleCommand {
-                mode: CommandMode::Descend,
-                ..command(ms(150))
-            },
-        );
-        let Served::Sent { bytes, .. } = link.serve(ms(100), SLOT, 0.018) else {
-            panic!("silent")
-        };
-        let channels = sbus::Frame::decode(bytes.bytes[..].try_into().expect("25"))
-            .expect("a frame")
-            .channels;
+        link.command(ms(100), VehicleCommand { mode: CommandMode::Descend, ..command(ms(150)) });
+        let Served::Sent { bytes, .. } = link.serve(ms(100), SLOT, 0.018) else { panic!("silent") };
+        let channels =
+            sbus::Frame::decode(bytes.bytes[..].try_into().expect("25")).expect("a frame").channels;
         let (_, frame) = CommandFrame::decode(&channels).expect("sealed");
         assert_eq!((frame.mode, frame.hints_valid), (LinkMode::Descend, false));
     }

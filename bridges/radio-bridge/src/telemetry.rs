@@ -16,11 +16,7 @@ pub(crate) fn report(
 ) -> VehicleTelemetry {
     // Zero stands for "never" on the vehicle's clock and on ours.
     let at = |vehicle_us| {
-        if vehicle_us == 0 {
-            Time::ZERO
-        } else {
-            clock.at(vehicle_us).unwrap_or(Time::ZERO)
-        }
+        if vehicle_us == 0 { Time::ZERO } else { clock.at(vehicle_us).unwrap_or(Time::ZERO) }
     };
     VehicleTelemetry {
         vehicle,

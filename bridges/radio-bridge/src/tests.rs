@@ -26,11 +26,7 @@ fn arena(scenario: &str) -> Arena {
 }
 
 fn bridge(scenario: &str) -> RadioBridge {
-    let start = Start {
-        at: ms(0),
-        seed: Seed(7),
-        incarnation: 1,
-    };
+    let start = Start { at: ms(0), seed: Seed(7), incarnation: 1 };
     RadioBridge::new(&arena(scenario), Tuning::default(), start).expect("default tuning")
 }
 
@@ -50,13 +46,7 @@ fn command(vehicle: u8, epoch: u32, now: Time) -> VehicleCommand {
 
 fn start_order(maneuver_id: u16, valid_until: Time) -> ManeuverStart {
     let message = upload::tests::message(7);
-    ManeuverStart {
-        vehicle: 1,
-        maneuver_id,
-        set_id: 7,
-        digest: message.digest,
-        valid_until,
-    }
+    ManeuverStart { vehicle: 1, maneuver_id, set_id: 7, digest: message.digest, valid_until }
 }
 
 #[test]
@@ -107,9 +97,7 @@ fn an_older_epoch_is_never_heard_again_and_reported_if_it_goes_on() {
         hall.give(now, command(1, 4, now));
     });
     assert!(
-        hall.sent
-            .iter()
-            .all(|report| report.lease_epoch == if report.sent_at < ms(100) { 4 } else { 5 })
+        hall.sent.iter().all(|report| report.lease_epoch == if report.sent_at < ms(100) { 4 } else { 5 })
     );
     assert_eq!(hall.events_named("lease-taken"), [ms(0), ms(100)]);
     assert_eq!(hall.events_named("lease-conflict").len(), 3, "once a second");
@@ -123,17 +111,10 @@ fn an_older_epoch_is_never_heard_again_and_reported_if_it_goes_on() {
 fn commands_of_the_instant_of_a_slot_are_in_time_for_it() {
     let (mut bridge, mut out) = (bridge("fleet"), Outbox::default());
     for vehicle in [1, 2, 3] {
-        bridge.step(
-            ms(0),
-            Event::Input(Input::Command(command(vehicle, 1, ms(0)))),
-            &mut out,
-        );
+        bridge.step(ms(0), Event::Input(Input::Command(command(vehicle, 1, ms(0)))), &mut out);
     }
     bridge.step(ms(0), Event::Deadline, &mut out);
-    let sent = out
-        .take_messages()
-        .filter(|message| matches!(message, Output::Sent(_)))
-        .count();
+    let sent = out.take_messages().filter(|message| matches!(message, Output::Sent(_))).count();
     assert_eq!(sent, 3);
 }
 
@@ -143,10 +124,7 @@ fn a_late_driver_skips_to_the_current_slot() {
     let mut sent_at = |at: Time| {
         bridge.step(at, Event::Input(Input::Command(command(1, 1, at))), &mut out);
         bridge.step(at, Event::Deadline, &mut out);
-        let sent = out
-            .take_messages()
-            .filter(|message| matches!(message, Output::Sent(_)))
-            .count();
+        let sent = out.take_messages().filter(|message| matches!(message, Output::Sent(_))).count();
         (sent, bridge.counters().slots_missed)
     };
     assert_eq!(sent_at(ms(0)), (1, 0));
@@ -195,10 +173,7 @@ fn an_upload_nobody_answers_ends_after_two_seconds() {
     hall.input(ms(100), Input::Upload(upload::tests::message(7)));
     hall.run(ms(5000), |_, _| {});
     assert_eq!(hall.events_named("upload-failed"), [ms(2100)]);
-    let wrong = ManeuverUpload {
-        digest: 1,
-        ..upload::tests::message(7)
-    };
+    let wrong = ManeuverUpload { digest: 1, ..upload::tests::message(7) };
     hall.input(ms(5001), Input::Upload(wrong));
     assert_eq!(hall.events_named("upload-digest-mismatch"), [ms(5001)]);
 }
@@ -215,10 +190,7 @@ fn a_start_is_repeated_until_the_vehicle_has_it() {
         hall.input(ms(1501), Input::Start(start_order(41, ms(1900))));
         hall.run(ms(1800), |_, _| {});
         assert_eq!(hall.vehicles[0].starts_heard, starts, "answered is answered");
-        let began = hall
-            .telemetry
-            .last()
-            .map(|report| (report.maneuver_phase, report.maneuver_id));
+        let began = hall.telemetry.last().map(|report| (report.maneuver_phase, report.maneuver_id));
         assert_eq!(began, Some((ManeuverPhase::Running, 41)));
     }
 }
@@ -242,13 +214,7 @@ fn an_abort_is_sent_five_times_and_takes_the_start_back() {
     hall.vehicles[0].deaf_to_starts = true;
     hall.run(ms(1000), |_, _| {});
     hall.input(ms(1000), Input::Start(start_order(41, ms(2000))));
-    hall.input(
-        ms(1001),
-        Input::Abort(ManeuverAbort {
-            vehicle: 1,
-            maneuver_id: 41,
-        }),
-    );
+    hall.input(ms(1001), Input::Abort(ManeuverAbort { vehicle: 1, maneuver_id: 41 }));
     hall.input(ms(1050), Input::Start(start_order(41, ms(2000))));
     hall.run(ms(2500), |_, _| {});
     assert_eq!(hall.vehicles[0].start_arrivals.len(), 1);
@@ -263,21 +229,10 @@ fn telemetry_is_on_the_arenas_clock() {
     hall.run(ms(6000), |_, _| {});
     let report = hall.telemetry.last().copied().expect("reports");
     let began = hall.vehicles[0].began.expect("begun");
-    assert!(
-        (report.began_at - began).abs() < Span::from_micros(500),
-        "{} {began}",
-        report.began_at
-    );
-    assert_eq!(
-        (report.ended_at, report.mode, report.set_id),
-        (Time::ZERO, FlightMode::Maneuver, 0)
-    );
+    assert!((report.began_at - began).abs() < Span::from_micros(500), "{} {began}", report.began_at);
+    assert_eq!((report.ended_at, report.mode, report.set_id), (Time::ZERO, FlightMode::Maneuver, 0));
     assert!((report.battery_v - 11.5).abs() < 1e-9);
-    assert!(
-        (0.008..0.011).contains(&report.clock_uncertainty_s),
-        "{}",
-        report.clock_uncertainty_s
-    );
+    assert!((0.008..0.011).contains(&report.clock_uncertainty_s), "{}", report.clock_uncertainty_s);
     assert!(report.received_at > ms(5900));
 }
 
@@ -287,18 +242,12 @@ fn the_command_links_delay_is_measured() {
     let setting_s = 0.018;
     hall.vehicles[0].command_delay = Span::from_micros(26_300);
     hall.run(ms(100), |hall, now| hall.give(now, command(1, 1, now)));
-    assert_eq!(
-        hall.sent.last().map(|report| report.link_delay_s),
-        Some(setting_s)
-    );
+    assert_eq!(hall.sent.last().map(|report| report.link_delay_s), Some(setting_s));
     hall.run(ms(15_000), |hall, now| hall.give(now, command(1, 1, now)));
     let delay_s = hall.sent.last().expect("sent").link_delay_s;
     // Half a tick of the vehicle's loop on top.
     assert!((delay_s - 0.026_925).abs() < 5e-4, "{delay_s}");
-    assert_eq!(
-        hall.telemetry.last().map(|report| report.link_delay_s),
-        Some(delay_s)
-    );
+    assert_eq!(hall.telemetry.last().map(|report| report.link_delay_s), Some(delay_s));
 }
 
 #[test]
@@ -308,9 +257,7 @@ fn stale_matches_do_not_spoil_the_delay() {
     for round in 0..40 {
         // The vehicle hears nothing for 1.2 s of every 2 s, and goes on reporting its last counter.
         hall.vehicles[0].deaf_to_commands = round % 5 >= 2;
-        hall.run(ms(400 * (round + 1)), |hall, now| {
-            hall.give(now, command(1, 1, now))
-        });
+        hall.run(ms(400 * (round + 1)), |hall, now| hall.give(now, command(1, 1, now)));
     }
     let delay_s = hall.sent.last().expect("sent").link_delay_s;
     assert!((delay_s - 0.018_625).abs() < 5e-4, "{delay_s}");
@@ -329,11 +276,7 @@ fn lost_telemetry_and_a_restarted_vehicle_are_reported() {
     hall.vehicles[0].reboot(ms(6000));
     hall.run(ms(8000), |_, _| {});
     assert_eq!(hall.events_named("vehicle-restarted").len(), 1);
-    let reports = hall
-        .telemetry
-        .iter()
-        .filter(|report| report.received_at > ms(7000))
-        .count();
+    let reports = hall.telemetry.iter().filter(|report| report.received_at > ms(7000)).count();
     assert!(reports >= 19, "reports go on: {reports}");
     let newest = hall.telemetry.last().expect("some");
     assert!(newest.clock_uncertainty_s < 0.01);
@@ -359,24 +302,14 @@ fn any_bytes_from_the_radio_are_survived() {
     for step in 0..3000i64 {
         let mut bytes = [0u8; 40];
         for byte in &mut bytes {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            *byte = if state >> 61 == 0 {
-                0x7E
-            } else {
-                (state >> 40) as u8
-            };
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            *byte = if state >> 61 == 0 { 0x7E } else { (state >> 40) as u8 };
         }
         hall.bytes_from_radio(ms(500 + step), &bytes);
     }
     assert!(hall.bridge.counters().bytes_skipped > 10_000);
     hall.run(ms(5000), |_, _| {});
-    assert!(
-        hall.telemetry
-            .last()
-            .is_some_and(|report| report.received_at > ms(4900))
-    );
+    assert!(hall.telemetry.last().is_some_and(|report| report.received_at > ms(4900)));
 }
 
 #[test]
@@ -391,19 +324,9 @@ fn the_same_inputs_give_the_same_outputs() {
 
 #[test]
 fn impossible_settings_are_refused() {
-    let start = Start {
-        at: ms(0),
-        seed: Seed(7),
-        incarnation: 1,
-    };
-    let tuning = Tuning {
-        slot_s: f64::NAN,
-        ..Tuning::default()
-    };
-    assert!(matches!(
-        RadioBridge::new(&arena("fleet"), tuning, start),
-        Err(ConfigError::OutOfRange { .. })
-    ));
+    let start = Start { at: ms(0), seed: Seed(7), incarnation: 1 };
+    let tuning = Tuning { slot_s: f64::NAN, ..Tuning::default() };
+    assert!(matches!(RadioBridge::new(&arena("fleet"), tuning, start), Err(ConfigError::OutOfRange { .. })));
 }
 
 #[test]

@@ -77,12 +77,7 @@ impl Tuning {
         in_range("abort_repeats", f64::from(self.abort_repeats), 1.0, 100.0)?;
         in_range("ping_s", self.ping_s, 0.02, 10.0)?;
         in_range("ping_young_s", self.ping_young_s, 0.01, 10.0)?;
-        in_range(
-            "ping_young_answers",
-            f64::from(self.ping_young_answers),
-            0.0,
-            1000.0,
-        )?;
+        in_range("ping_young_answers", f64::from(self.ping_young_answers), 0.0, 1000.0)?;
         in_range("clock_window_s", self.clock_window_s, 1.0, 120.0)?;
         in_range("downlink_extra_s", self.downlink_extra_s, -0.1, 0.1)?;
         in_range("telemetry_s_max", self.telemetry_s_max, 0.05, 60.0)?;
@@ -95,11 +90,5 @@ fn in_range(key: &str, value: f64, min: f64, max: f64) -> Result<(), ConfigError
         return Ok(());
     }
     let (file, key) = ("services.toml".to_owned(), format!("[radio-bridge] {key}"));
-    Err(ConfigError::OutOfRange {
-        file,
-        key,
-        value,
-        min,
-        max,
-    })
+    Err(ConfigError::OutOfRange { file, key, value, min, max })
 }

@@ -121,11 +121,7 @@ impl Upload {
         self.rounds += 1;
         let (set_id, digest) = (self.set_id, self.digest);
         if !self.announced {
-            send(Uplink::Begin {
-                set_id,
-                count: FLIP_SET_LEN as u8,
-                digest,
-            });
+            send(Uplink::Begin { set_id, count: FLIP_SET_LEN as u8, digest });
         }
         let mut index = 0;
         while index < FLIP_SET_LEN {
@@ -209,21 +205,13 @@ pub(crate) mod tests {
 
     fn round(upload: &mut Upload, milliseconds: i64) -> Vec<Uplink> {
         let mut sent = Vec::new();
-        upload.send_due(Time::ZERO + Span::from_millis(milliseconds), |uplink| {
-            sent.push(uplink)
-        });
+        upload.send_due(Time::ZERO + Span::from_millis(milliseconds), |uplink| sent.push(uplink));
         sent
     }
 
     fn staging(received_mask: u32) -> UploadReply {
         let digest = message(7).digest;
-        UploadReply {
-            set_id: 7,
-            state: UploadState::Staging,
-            received_mask,
-            digest,
-            reason: Reason::None,
-        }
+        UploadReply { set_id: 7, state: UploadState::Staging, received_mask, digest, reason: Reason::None }
     }
 
     #[test]
@@ -232,18 +220,11 @@ pub(crate) mod tests {
         let sent = round(&mut upload, 0);
         assert!(matches!(
             sent[..],
-            [
-                Uplink::Begin { count: 10, .. },
-                Uplink::Items(_),
-                Uplink::Commit { .. }
-            ]
+            [Uplink::Begin { count: 10, .. }, Uplink::Items(_), Uplink::Commit { .. }]
         ));
         assert!(round(&mut upload, 39).is_empty());
         assert_eq!(round(&mut upload, 40), sent);
-        assert_eq!(
-            (upload.rounds(), upload.due_at()),
-            (2, Time::ZERO + Span::from_millis(80))
-        );
+        assert_eq!((upload.rounds(), upload.due_at()), (2, Time::ZERO + Span::from_millis(80)));
     }
 
     #[test]
@@ -271,13 +252,7 @@ pub(crate) mod tests {
             let mut upload = upload();
             upload.reply(&staging(ALL_ITEMS));
             let state = UploadState::Refused;
-            let refused = UploadReply {
-                set_id: 7,
-                state,
-                received_mask: 0,
-                digest,
-                reason,
-            };
+            let refused = UploadReply { set_id: 7, state, received_mask: 0, digest, reason };
             assert_eq!(upload.reply(&refused), Outcome::Going);
             assert_eq!(round(&mut upload, 40).len(), 3);
         }
@@ -286,45 +261,19 @@ pub(crate) mod tests {
     #[test]
     fn only_the_right_digest_ends_it() {
         let mut upload = upload();
-        let committed = UploadReply {
-            state: UploadState::Committed,
-            ..staging(ALL_ITEMS)
-        };
-        assert_eq!(
-            upload.reply(&UploadReply {
-                digest: 5,
-                ..committed
-            }),
-            Outcome::Going
-        );
-        assert_eq!(
-            upload.reply(&UploadReply {
-                set_id: 6,
-                ..committed
-            }),
-            Outcome::Going
-        );
+        let committed = UploadReply { state: UploadState::Committed, ..staging(ALL_ITEMS) };
+        assert_eq!(upload.reply(&UploadReply { digest: 5, ..committed }), Outcome::Going);
+        assert_eq!(upload.reply(&UploadReply { set_id: 6, ..committed }), Outcome::Going);
         assert_eq!(upload.reply(&committed), Outcome::Committed);
-        let refused = UploadReply {
-            state: UploadState::Refused,
-            reason: Reason::OutsideLimits,
-            ..staging(ALL_ITEMS)
-        };
+        let refused =
+            UploadReply { state: UploadState::Refused, reason: Reason::OutsideLimits, ..staging(ALL_ITEMS) };
         assert_eq!(upload.reply(&refused), Outcome::Refused(Reason::OutsideLimits));
     }
 
     #[test]
     fn a_wrong_digest_goes_nowhere() {
-        let wrong = ManeuverUpload {
-            digest: 1,
-            ..message(7)
-        };
+        let wrong = ManeuverUpload { digest: 1, ..message(7) };
         let refused = Upload::new(Time::ZERO, &wrong, Span::from_millis(40), Span::from_secs(2));
-        assert_eq!(
-            refused.err(),
-            Some(WrongDigest {
-                computed: message(7).digest
-            })
-        );
+        assert_eq!(refused.err(), Some(WrongDigest { computed: message(7).digest }));
     }
 }

@@ -115,11 +115,7 @@ impl Vehicle {
             commands: CommandLink::new(member.id, Span::from_secs_f64(tuning.command_age_s_max)),
             delay: LinkDelay::new(member.links.command_delay_s, tuning.action_delay_s),
             clock,
-            pings: Pings {
-                next_at: first_ping,
-                token: first_token,
-                waiting: VecDeque::new(),
-            },
+            pings: Pings { next_at: first_ping, token: first_token, waiting: VecDeque::new() },
             upload: None,
             start: None,
             abort: None,
@@ -154,21 +150,14 @@ impl Vehicle {
         self.abort.take_if(|abort| abort.is_over());
         let delay = self.clock.least_delay().unwrap_or(DATA_DELAY);
         if let Some(expired) = self.start.take_if(|start| start.is_over(now, delay)) {
-            let detail = format!(
-                "maneuver {} was not answered while it was valid",
-                expired.maneuver_id()
-            );
+            let detail = format!("maneuver {} was not answered while it was valid", expired.maneuver_id());
             out.event(now, Severity::Warning, self.id, "start-unanswered", &detail);
         }
         if let Some(start) = &mut self.start {
             start.send_due(now, pace.start_retry, &mut send);
         }
         if let Some(failed) = self.upload.take_if(|upload| upload.is_over(now)) {
-            let detail = format!(
-                "set {} unconfirmed after {} rounds",
-                failed.set_id(),
-                failed.rounds()
-            );
+            let detail = format!("set {} unconfirmed after {} rounds", failed.set_id(), failed.rounds());
             out.event(now, Severity::Warning, self.id, "upload-failed", &detail);
         }
         if let Some(upload) = &mut self.upload {
@@ -187,13 +176,9 @@ impl Vehicle {
         let upload =
             Upload::new(now, message, pace.upload_retry, pace.upload_max).map_err(|wrong| wrong.computed)?;
         let (set_id, digest) = (message.set_id, message.digest);
-        let active = self
-            .status
-            .is_some_and(|(status, _)| (status.set_id, status.set_digest) == (set_id, digest));
-        let on_its_way = self
-            .upload
-            .as_ref()
-            .is_some_and(|upload| upload.is_of(set_id, digest));
+        let active =
+            self.status.is_some_and(|(status, _)| (status.set_id, status.set_digest) == (set_id, digest));
+        let on_its_way = self.upload.as_ref().is_some_and(|upload| upload.is_of(set_id, digest));
         if active {
             self.upload = None;
         } else if !on_its_way {
@@ -204,12 +189,8 @@ impl Vehicle {
 
     /// An order to begin; one the vehicle has answered changes nothing.
     pub(crate) fn start(&mut self, now: Time, order: ManeuverStart) {
-        let answered = self
-            .status
-            .is_some_and(|(status, _)| status.maneuver_id == order.maneuver_id);
-        let aborted = self
-            .abort
-            .is_some_and(|abort| abort.maneuver_id() == order.maneuver_id);
+        let answered = self.status.is_some_and(|(status, _)| status.maneuver_id == order.maneuver_id);
+        let aborted = self.abort.is_some_and(|abort| abort.maneuver_id() == order.maneuver_id);
         if answered || aborted {
             return;
         }
@@ -221,8 +202,7 @@ impl Vehicle {
 
     /// An order to end, which also takes back the order to begin.
     pub(crate) fn abort(&mut self, now: Time, order: ManeuverAbort, pace: &Pace) {
-        self.start
-            .take_if(|start| start.maneuver_id() == order.maneuver_id);
+        self.start.take_if(|start| start.maneuver_id() == order.maneuver_id);
         match &mut self.abort {
             Some(abort) if abort.maneuver_id() == order.maneuver_id => abort.renew(pace.abort_repeats),
             _ => self.abort = Some(AbortOrder::new(now, order, pace.abort_repeats)),
@@ -239,11 +219,7 @@ impl Vehicle {
         out: &mut Outbox<Output>,
     ) -> Reaction {
         match message {
-            Downlink::Pong {
-                token,
-                received_us,
-                turnaround_us,
-            } => {
+            Downlink::Pong { token, received_us, turnaround_us } => {
                 let left_us = received_us.saturating_add(u64::from(*turnaround_us));
                 let Some(sent) = self.pings.answered(*token) else {
                     return Reaction::Untimely;
@@ -253,11 +229,8 @@ impl Vehicle {
                 }
                 self.clock.answer(sent, *received_us, *turnaround_us, arrived);
                 if self.clock.answers() < pace.ping_young_answers {
-                    self.pings.next_at = self
-                        .pings
-                        .next_at
-                        .min(sent.saturating_add(pace.ping_young))
-                        .max(now);
+                    self.pings.next_at =
+                        self.pings.next_at.min(sent.saturating_add(pace.ping_young)).max(now);
                 }
                 Reaction::Used
             }
@@ -277,17 +250,12 @@ impl Vehicle {
 
     /// What became of a payload; answers how many in a row were not delivered.
     pub(crate) const fn transmitted(&mut self, delivered: bool) -> u32 {
-        self.undelivered = if delivered {
-            0
-        } else {
-            self.undelivered.saturating_add(1)
-        };
+        self.undelivered = if delivered { 0 } else { self.undelivered.saturating_add(1) };
         self.undelivered
     }
 
     fn heard_lately(&self, now: Time) -> bool {
-        self.status
-            .is_some_and(|(_, heard_at)| now - heard_at < Span::from_secs(1))
+        self.status.is_some_and(|(_, heard_at)| now - heard_at < Span::from_secs(1))
     }
 
     /// Shows a time stamp to the clock; false where the message is to be dropped.
@@ -314,39 +282,20 @@ impl Vehicle {
         if !self.passes(now, status.uptime_us, arrived, out) {
             return Reaction::Untimely;
         }
-        if self
-            .status
-            .is_some_and(|(newest, _)| newest.uptime_us >= status.uptime_us)
-        {
+        if self.status.is_some_and(|(newest, _)| newest.uptime_us >= status.uptime_us) {
             return Reaction::Untimely;
         }
         if std::mem::replace(&mut self.lost, false) {
-            out.event(
-                now,
-                Severity::Info,
-                self.id,
-                "telemetry-back",
-                "the vehicle reports again",
-            );
+            out.event(now, Severity::Info, self.id, "telemetry-back", "the vehicle reports again");
         }
         self.status = Some((*status, arrived));
-        self.start
-            .take_if(|start| start.maneuver_id() == status.maneuver_id);
-        if let Some(done) = self
-            .upload
-            .take_if(|upload| upload.is_of(status.set_id, status.set_digest))
-        {
+        self.start.take_if(|start| start.maneuver_id() == status.maneuver_id);
+        if let Some(done) = self.upload.take_if(|upload| upload.is_of(status.set_id, status.set_digest)) {
             self.say_committed(now, &done, out);
         }
         self.measure_delay(status);
         let link_delay_s = self.delay.delay_s();
-        Reaction::Report(telemetry::report(
-            self.id,
-            status,
-            arrived,
-            &self.clock,
-            link_delay_s,
-        ))
+        Reaction::Report(telemetry::report(self.id, status, arrived, &self.clock, link_delay_s))
     }
 
     fn hear_reply(&mut self, now: Time, reply: &UploadReply, out: &mut Outbox<Output>) {
@@ -379,10 +328,7 @@ impl Vehicle {
         }
         self.measured_us = received_us;
         let age = Span::from_micros(status.uptime_us.saturating_sub(received_us).min(1_000_000) as i64);
-        let (received, sent) = (
-            self.clock.at(received_us),
-            self.commands.sent_at(status.command_counter),
-        );
+        let (received, sent) = (self.clock.at(received_us), self.commands.sent_at(status.command_counter));
         if let (Some(received), Some(sent)) = (received, sent)
             && age <= COMMAND_AGE_MAX
         {

@@ -95,10 +95,7 @@ impl FrameClock {
     /// When the shutters were open for a frame whose first datagram came at `arrived`: after every frame
     /// before it, and never after its own arrival.
     pub(crate) fn exposed_at(&mut self, frame: u64, arrived: Time) -> Time {
-        let fastest = self
-            .fit
-            .as_ref()
-            .map_or(arrived, |fit| fit.line(frame).min(arrived));
+        let fastest = self.fit.as_ref().map_or(arrived, |fit| fit.line(frame).min(arrived));
         let mut exposed = (fastest - self.latency).max(Time::ZERO);
         if let Some(newest) = self.newest_exposed {
             exposed = exposed.max(newest + Span::from_nanos(1)).min(arrived.max(newest));
@@ -110,9 +107,7 @@ impl FrameClock {
     /// Time from frame to frame; `None` until fitted.
     #[cfg(test)]
     pub(crate) fn period(&self) -> Option<Span> {
-        self.fit
-            .as_ref()
-            .map(|fit| Span::from_nanos(fit.period_ns as i64))
+        self.fit.as_ref().map(|fit| Span::from_nanos(fit.period_ns as i64))
     }
 }
 
@@ -192,14 +187,11 @@ impl Fit {
     /// Earliest arrival of a frame.
     fn line(&self, frame: u64) -> Time {
         let frames = frame.wrapping_sub(self.origin_frame) as f64;
-        self.origin
-            .saturating_add(Span::from_nanos((self.level_ns + self.period_ns * frames) as i64))
+        self.origin.saturating_add(Span::from_nanos((self.level_ns + self.period_ns * frames) as i64))
     }
 
     fn collect(&mut self, point: Point, jitter_ns: f64) {
-        let faster = self
-            .fastest
-            .is_none_or(|fastest| self.residual_ns(point) < self.residual_ns(fastest));
+        let faster = self.fastest.is_none_or(|fastest| self.residual_ns(point) < self.residual_ns(fastest));
         if faster {
             self.fastest = Some(point);
         }
@@ -217,11 +209,7 @@ impl Fit {
 
     /// A least-squares line through those blocks whose delay is within `jitter_ns` of the least.
     fn refit(&mut self, jitter_ns: f64) {
-        let least_ns = self
-            .blocks
-            .iter()
-            .map(|&point| self.residual_ns(point))
-            .fold(f64::INFINITY, f64::min);
+        let least_ns = self.blocks.iter().map(|&point| self.residual_ns(point)).fold(f64::INFINITY, f64::min);
         let usual = || {
             self.blocks
                 .iter()
@@ -239,11 +227,7 @@ impl Fit {
             (xx + dx * dx, xy + dx * (p.1 - mean_ns))
         });
         let step_max_ns = PERIOD_STEP_RATIO_MAX * self.period_ns;
-        let step_ns = if count >= 3.0 && xx > 0.0 {
-            (xy / xx).clamp(-step_max_ns, step_max_ns)
-        } else {
-            0.0
-        };
+        let step_ns = if count >= 3.0 && xx > 0.0 { (xy / xx).clamp(-step_max_ns, step_max_ns) } else { 0.0 };
         // The new line meets the old residuals' mean where the frames' mean lies.
         self.level_ns = least_ns + mean_ns - step_ns * mean_frames;
         self.period_ns += step_ns;
@@ -262,11 +246,7 @@ struct Watch {
 
 impl Watch {
     fn holds(&mut self, point: Point, lag_ns: f64, period_ns: f64, break_ns: f64) -> bool {
-        self.early_frames = if lag_ns < -break_ns {
-            self.early_frames + 1
-        } else {
-            0
-        };
+        self.early_frames = if lag_ns < -break_ns { self.early_frames + 1 } else { 0 };
         let creeps = self.creeps(lag_ns, break_ns);
         let slower = self.slower(point, lag_ns, period_ns, break_ns);
         self.early_frames < EARLY_FRAMES && !creeps && !slower
@@ -288,20 +268,15 @@ impl Watch {
                     .range(before..)
                     .zip(self.recent.range(before + 1..))
                     .map(|(a, b)| (b.arrival_ns - a.arrival_ns) / (b.frames - a.frames).max(1.0));
-                let (least, most) = periods.fold((f64::INFINITY, 0.0_f64), |(least, most), p| {
-                    (least.min(p), most.max(p))
-                });
+                let (least, most) =
+                    periods.fold((f64::INFINITY, 0.0_f64), |(least, most), p| (least.min(p), most.max(p)));
                 least > ratio * period_ns && most < 1.2 * least
             })
     }
 
     /// Even the fastest of many frames lags, and the fastest of as many after them lags further.
     fn creeps(&mut self, lag_ns: f64, break_ns: f64) -> bool {
-        self.creep_least_ns = if self.creep_frames == 0 {
-            lag_ns
-        } else {
-            self.creep_least_ns.min(lag_ns)
-        };
+        self.creep_least_ns = if self.creep_frames == 0 { lag_ns } else { self.creep_least_ns.min(lag_ns) };
         self.creep_frames += 1;
         if self.creep_frames < CREEP_FRAMES {
             return false;

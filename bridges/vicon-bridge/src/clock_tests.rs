@@ -9,10 +9,7 @@ struct Noise(u64);
 
 impl Noise {
     fn uniform(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
@@ -35,14 +32,7 @@ struct Cameras {
 impl Cameras {
     fn at_hz(rate_hz: f64) -> Self {
         let period_s = 1.0 / rate_hz;
-        Self {
-            noise: Noise(1),
-            frame: 0,
-            exposed_s: 100.0,
-            period_s,
-            jitter_s: 0.0002,
-            extra_s: 0.0,
-        }
+        Self { noise: Noise(1), frame: 0, exposed_s: 100.0, period_s, jitter_s: 0.0002, extra_s: 0.0 }
     }
 
     /// Number, exposure and arrival of the next frame.

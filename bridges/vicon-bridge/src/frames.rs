@@ -40,11 +40,7 @@ impl FrameCounter {
     /// A count that has not begun; a run of numbers behind the newest means a restart if it lasts for
     /// `restart`.
     pub(crate) const fn new(restart: Span) -> Self {
-        Self {
-            restart,
-            newest: None,
-            behind: None,
-        }
+        Self { restart, newest: None, behind: None }
     }
 
     /// Takes in the number of a datagram that arrived at `at`.
@@ -77,16 +73,10 @@ impl FrameCounter {
     fn run_behind(&self, number: u32, at: Time) -> Behind {
         match self.behind {
             Some(run) if run.number == number => run,
-            Some(run) if number.wrapping_sub(run.number) <= u32::MAX / 2 => Behind {
-                number,
-                frames: run.frames.saturating_add(1),
-                ..run
-            },
-            _ => Behind {
-                since: at,
-                number,
-                frames: 1,
-            },
+            Some(run) if number.wrapping_sub(run.number) <= u32::MAX / 2 => {
+                Behind { number, frames: run.frames.saturating_add(1), ..run }
+            }
+            _ => Behind { since: at, number, frames: 1 },
         }
     }
 }
@@ -119,10 +109,7 @@ mod tests {
     #[test]
     fn the_count_goes_on_across_the_wrap() {
         let mut counter = counter();
-        assert_eq!(
-            counter.sight(u32::MAX - 1, at(0)),
-            Sighting::New(u64::from(u32::MAX) - 1)
-        );
+        assert_eq!(counter.sight(u32::MAX - 1, at(0)), Sighting::New(u64::from(u32::MAX) - 1));
         assert_eq!(counter.sight(u32::MAX, at(5)), Sighting::New(u64::from(u32::MAX)));
         assert_eq!(counter.sight(0, at(10)), Sighting::New(1 << 32));
         assert_eq!(counter.sight(u32::MAX, at(11)), Sighting::Late);
@@ -148,12 +135,7 @@ mod tests {
             counter.sight(100_000, at(0));
             let mut sightings =
                 (0..11).map(|frame| counter.sight(restart_at + frame, at(1000 + 5 * i64::from(frame))));
-            assert!(
-                sightings
-                    .by_ref()
-                    .take(10)
-                    .all(|sighting| sighting == Sighting::Late)
-            );
+            assert!(sightings.by_ref().take(10).all(|sighting| sighting == Sighting::Late));
             assert_eq!(sightings.next(), Some(Sighting::Restarted(100_001)));
             assert_eq!(counter.sight(restart_at + 11, at(1055)), Sighting::New(100_002));
         }

@@ -105,10 +105,7 @@ impl Core for ViconBridge {
         tuning.check()?;
         let subjects = Subjects::new(arena)?;
         let latency = common_latency(arena)?;
-        let track = Track {
-            guard: PoseGuard::default(),
-            reported_at: start.at,
-        };
+        let track = Track { guard: PoseGuard::default(), reported_at: start.at };
         let stream = Stream {
             heard_at: start.at.saturating_add(START_GRACE),
             advanced_at: start.at,
@@ -121,11 +118,7 @@ impl Core for ViconBridge {
             frozen: Span::from_secs_f64(tuning.frozen_s),
             silent: Span::from_secs_f64(tuning.silent_s),
             identical_reported: tuning.identical_poses_reported,
-            limits: PoseLimits::new(
-                &arena.hall,
-                tuning.outside_hall_m_max,
-                tuning.identical_poses_accepted,
-            ),
+            limits: PoseLimits::new(&arena.hall, tuning.outside_hall_m_max, tuning.identical_poses_accepted),
             tracks: vec![track; subjects.known().len()],
             subjects,
             counter: FrameCounter::new(Span::from_secs_f64(tuning.restart_s)),
@@ -164,10 +157,7 @@ impl ViconBridge {
     /// What came in since the start, and what was left out of it.
     #[must_use]
     pub fn counters(&self) -> Counters {
-        Counters {
-            unknown_objects: self.subjects.unknown_objects(),
-            ..self.counters
-        }
+        Counters { unknown_objects: self.subjects.unknown_objects(), ..self.counters }
     }
 
     fn receive(&mut self, now: Time, datagram: &DeviceBytes, out: &mut Outbox<Output>) {
@@ -181,8 +171,7 @@ impl ViconBridge {
             Ok(decoded) => decoded,
             Err(error) => {
                 self.counters.undecodable += 1;
-                self.reports
-                    .warn(now, 0, "datagram-undecodable", || error.to_string(), out);
+                self.reports.warn(now, 0, "datagram-undecodable", || error.to_string(), out);
                 return;
             }
         };
@@ -240,36 +229,16 @@ impl ViconBridge {
         self.stream.advanced_at = now;
         if self.stream.frozen {
             self.stream.frozen = false;
-            out.event(
-                now,
-                Severity::Info,
-                0,
-                "frame-number-advances",
-                &format!("again, with frame {frame}"),
-            );
+            out.event(now, Severity::Info, 0, "frame-number-advances", &format!("again, with frame {frame}"));
         }
-        let message = MocapFrame {
-            frame,
-            received_at: arrived,
-            ..MocapFrame::default()
-        };
+        let message = MocapFrame { frame, received_at: arrived, ..MocapFrame::default() };
         let close_at = now.saturating_add(self.merge);
-        self.open = Some(OpenFrame {
-            message,
-            first_at: arrived,
-            close_at,
-            reported: 0,
-        });
+        self.open = Some(OpenFrame { message, first_at: arrived, close_at, reported: 0 });
     }
 
     /// Publishes the open frame, if there is one.
     fn close(&mut self, out: &mut Outbox<Output>) {
-        let Some(OpenFrame {
-            mut message,
-            first_at,
-            ..
-        }) = self.open.take()
-        else {
+        let Some(OpenFrame { mut message, first_at, .. }) = self.open.take() else {
             return;
         };
         message.exposed_at = self.clock.exposed_at(message.frame, first_at);
@@ -283,10 +252,8 @@ impl ViconBridge {
             Whose::Vehicle(index) => index,
             Whose::Stranger => return,
             Whose::NewStranger => {
-                let detail = format!(
-                    "{:?} is no vehicle of this arena",
-                    String::from_utf8_lossy(object.name)
-                );
+                let detail =
+                    format!("{:?} is no vehicle of this arena", String::from_utf8_lossy(object.name));
                 out.event(now, Severity::Warning, 0, "subject-unknown", &detail);
                 return;
             }
@@ -301,11 +268,7 @@ impl ViconBridge {
         match track.guard.judge(object, open.first_at, &self.limits) {
             Ok(pose) => {
                 let (position_m, orientation) = (pose.position_m, pose.orientation);
-                let body = MocapBody {
-                    position_m,
-                    orientation,
-                    ..subject.body.clone()
-                };
+                let body = MocapBody { position_m, orientation, ..subject.body.clone() };
                 // A fleet has at most as many vehicles as a frame has places.
                 let _ = open.message.bodies.push(body);
             }

@@ -103,11 +103,7 @@ impl PoseGuard {
         if self.repeats > limits.identical_accepted {
             return Err(Refusal::Repeated(self.repeats));
         }
-        if object
-            .rotation_rad
-            .iter()
-            .any(|angle| angle.abs() > ANGLE_RAD_MAX)
-        {
+        if object.rotation_rad.iter().any(|angle| angle.abs() > ANGLE_RAD_MAX) {
             return Err(Refusal::Angles);
         }
         let [x, y, z] = object.translation_mm.map(|millimetres| millimetres * 1e-3);
@@ -120,10 +116,7 @@ impl PoseGuard {
         }
         let orientation = euler_to_rotation(object.rotation_rad).ok_or(Refusal::NotFinite)?;
         self.accepted = Some((at, position_m));
-        Ok(Pose {
-            position_m,
-            orientation,
-        })
+        Ok(Pose { position_m, orientation })
     }
 
     /// How often the newest pose has been repeated bit for bit.
@@ -135,11 +128,7 @@ impl PoseGuard {
     fn count_repeats(&mut self, object: &Object<'_>) {
         let ([x, y, z], [a, b, c]) = (object.translation_mm, object.rotation_rad);
         let bits = [x, y, z, a, b, c].map(f64::to_bits);
-        self.repeats = if self.newest_bits == Some(bits) {
-            self.repeats.saturating_add(1)
-        } else {
-            0
-        };
+        self.repeats = if self.newest_bits == Some(bits) { self.repeats.saturating_add(1) } else { 0 };
         self.newest_bits = Some(bits);
     }
 
@@ -163,21 +152,12 @@ mod tests {
     use super::*;
 
     fn limits(identical_accepted: u32) -> PoseLimits {
-        let hall = Hall {
-            width_m: 10.0,
-            depth_m: 10.0,
-            height_m: 10.0,
-            margin_m: 0.5,
-        };
+        let hall = Hall { width_m: 10.0, depth_m: 10.0, height_m: 10.0, margin_m: 0.5 };
         PoseLimits::new(&hall, 5.0, identical_accepted)
     }
 
     fn object(translation_mm: [f64; 3], rotation_rad: [f64; 3]) -> Object<'static> {
-        Object {
-            name: b"quad1",
-            translation_mm,
-            rotation_rad,
-        }
+        Object { name: b"quad1", translation_mm, rotation_rad }
     }
 
     fn judge(
@@ -190,12 +170,7 @@ mod tests {
 
     #[test]
     fn units_and_rotation_order_are_the_vendors() {
-        let pose = judge(
-            &mut PoseGuard::default(),
-            [100.0, -200.5, 1500.25],
-            [0.1, -0.2, 0.3],
-        )
-        .unwrap();
+        let pose = judge(&mut PoseGuard::default(), [100.0, -200.5, 1500.25], [0.1, -0.2, 0.3]).unwrap();
         assert!((pose.position_m - Vector::new(0.1, -0.2005, 1.50025)).norm() < 1e-12);
         // Rx(0.1)·Ry(-0.2)·Rz(0.3) carries the body's x axis here, by hand from the three matrices:
         // Rz e_x = (cos z, sin z, 0), then Ry, then Rx.
@@ -214,10 +189,7 @@ mod tests {
                 let mut numbers = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3];
                 numbers[index] = bad;
                 let [x, y, z, a, b, c] = numbers;
-                assert_eq!(
-                    judge(&mut PoseGuard::default(), [x, y, z], [a, b, c]),
-                    Err(Refusal::NotFinite)
-                );
+                assert_eq!(judge(&mut PoseGuard::default(), [x, y, z], [a, b, c]), Err(Refusal::NotFinite));
             }
         }
         for (translation_mm, rotation_rad, refusal) in [
@@ -229,10 +201,7 @@ mod tests {
             ([1e3, 0.0, 1e3], [90.0, 0.0, 0.0], Refusal::Angles),
             ([1e308, 1e308, 1e308], [0.0; 3], Refusal::OutsideHall),
         ] {
-            assert_eq!(
-                judge(&mut PoseGuard::default(), translation_mm, rotation_rad),
-                Err(refusal)
-            );
+            assert_eq!(judge(&mut PoseGuard::default(), translation_mm, rotation_rad), Err(refusal));
         }
     }
 
@@ -241,10 +210,7 @@ mod tests {
         let mut guard = PoseGuard::default();
         assert!(judge(&mut guard, [1.0, 2.0, 3.0], [0.1; 3]).is_ok());
         for repeats in 1..=7 {
-            assert_eq!(
-                judge(&mut guard, [1.0, 2.0, 3.0], [0.1; 3]),
-                Err(Refusal::Repeated(repeats))
-            );
+            assert_eq!(judge(&mut guard, [1.0, 2.0, 3.0], [0.1; 3]), Err(Refusal::Repeated(repeats)));
         }
         assert!(judge(&mut guard, [1.0, 2.0, 3.000_001], [0.1; 3]).is_ok());
         assert_eq!(guard.repeats(), 0);
@@ -263,21 +229,10 @@ mod tests {
     fn metres_in_place_of_millimetres_are_refused_while_they_last() {
         let (mut guard, limits) = (PoseGuard::default(), limits(0));
         let second = |n| Time::ZERO + Span::from_millis(n);
-        assert!(
-            guard
-                .judge(&object([1500.0, 0.0, 5000.0], [0.1; 3]), second(0), &limits)
-                .is_ok()
-        );
+        assert!(guard.judge(&object([1500.0, 0.0, 5000.0], [0.1; 3]), second(0), &limits).is_ok());
         let slipped = [1.5008, 0.0003, 5.0009];
-        assert_eq!(
-            guard.judge(&object(slipped, [0.1; 3]), second(5), &limits),
-            Err(Refusal::UnitSlip)
-        );
-        assert!(
-            guard
-                .judge(&object([1501.0, 0.0, 5001.0], [0.1; 3]), second(10), &limits)
-                .is_ok()
-        );
+        assert_eq!(guard.judge(&object(slipped, [0.1; 3]), second(5), &limits), Err(Refusal::UnitSlip));
+        assert!(guard.judge(&object([1501.0, 0.0, 5001.0], [0.1; 3]), second(10), &limits).is_ok());
         for step in 2..2_000 {
             let seen = guard.judge(
                 &object([1.5 + 1e-6 * step as f64, 0.0, 5.0], [0.1; 3]),
@@ -286,16 +241,8 @@ mod tests {
             );
             assert_eq!(seen, Err(Refusal::UnitSlip));
         }
-        assert!(
-            guard
-                .judge(&object([1510.0, 0.0, 5001.0], [0.1; 3]), second(10_000), &limits)
-                .is_ok()
-        );
+        assert!(guard.judge(&object([1510.0, 0.0, 5001.0], [0.1; 3]), second(10_000), &limits).is_ok());
         // A vehicle that was not seen for long may well stand at the origin.
-        assert!(
-            guard
-                .judge(&object(slipped, [0.1; 3]), second(12_100), &limits)
-                .is_ok()
-        );
+        assert!(guard.judge(&object(slipped, [0.1; 3]), second(12_100), &limits).is_ok());
     }
 }

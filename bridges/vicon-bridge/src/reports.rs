@@ -47,10 +47,7 @@ pub(crate) struct Reports {
 impl Reports {
     /// At most one report of a kind and vehicle in `every`.
     pub(crate) const fn new(every: Span) -> Self {
-        Self {
-            every,
-            told: BTreeMap::new(),
-        }
+        Self { every, told: BTreeMap::new() }
     }
 
     /// Reports a warning, unless one of its kind was reported lately; those are counted and told of with the
@@ -71,8 +68,7 @@ impl Reports {
             Some((_, silenced)) => *silenced,
             None => 0,
         };
-        self.told
-            .insert((name, vehicle), (now.saturating_add(self.every), 0));
+        self.told.insert((name, vehicle), (now.saturating_add(self.every), 0));
         let detail = match silenced {
             0 => detail(),
             more => format!("{} ({more} more since the last report)", detail()),

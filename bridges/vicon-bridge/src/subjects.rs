@@ -44,28 +44,18 @@ impl Subjects {
         let mut known = Vec::with_capacity(arena.fleet.len());
         for member in &arena.fleet {
             let name = member.vehicle.subject.clone();
-            let (false, false, Ok(subject)) = (
-                name.is_empty(),
-                name.bytes().any(|byte| byte == 0),
-                name.as_str().try_into(),
-            ) else {
+            let (false, false, Ok(subject)) =
+                (name.is_empty(), name.bytes().any(|byte| byte == 0), name.as_str().try_into())
+            else {
                 return Err(ConfigError::Malformed {
                     file: format!("vehicles/{}.toml", member.part.file),
                     reason: format!("subject = {name:?}, but a subject's name has 1 to {NAME_BYTES} bytes"),
                 });
             };
-            let body = MocapBody {
-                vehicle: member.vehicle.id,
-                subject,
-                ..MocapBody::default()
-            };
+            let body = MocapBody { vehicle: member.vehicle.id, subject, ..MocapBody::default() };
             known.push(Subject { name, body });
         }
-        Ok(Self {
-            known,
-            unknown: Vec::new(),
-            unknown_objects: 0,
-        })
+        Ok(Self { known, unknown: Vec::new(), unknown_objects: 0 })
     }
 
     /// The fleet, in its order.
@@ -75,11 +65,7 @@ impl Subjects {
 
     /// Whose name that is; a stranger's is counted.
     pub(crate) fn whose(&mut self, name: &[u8]) -> Whose {
-        if let Some(index) = self
-            .known
-            .iter()
-            .position(|subject| subject.name.as_bytes() == name)
-        {
+        if let Some(index) = self.known.iter().position(|subject| subject.name.as_bytes() == name) {
             return Whose::Vehicle(index);
         }
         self.unknown_objects += 1;

@@ -15,11 +15,7 @@ const GOLDEN: [u8; 80] = [
 ];
 
 fn start() -> Start {
-    Start {
-        at: ms(0),
-        seed: Seed(1),
-        incarnation: 1,
-    }
+    Start { at: ms(0), seed: Seed(1), incarnation: 1 }
 }
 
 fn arena(scenario: &str) -> Arena {
@@ -40,42 +36,27 @@ struct Bench {
 impl Bench {
     fn new(scenario: &str) -> Self {
         let bridge = ViconBridge::new(&arena(scenario), Tuning::default(), start()).expect("default tuning");
-        Self {
-            bridge,
-            out: Outbox::default(),
-        }
+        Self { bridge, out: Outbox::default() }
     }
 
     /// A datagram's bytes arrive; deadlines before are kept. Answers the frames published.
     fn bytes(&mut self, at: Time, bytes: &[u8]) -> Vec<MocapFrame> {
         self.wait(at - Span::from_nanos(1));
         let bytes = bytes.try_into().expect("fits");
-        let datagram = DeviceBytes {
-            port: Ports::VICON,
-            at,
-            bytes,
-        };
-        self.bridge
-            .step(at, Event::Input(Input::Received(datagram)), &mut self.out);
+        let datagram = DeviceBytes { port: Ports::VICON, at, bytes };
+        self.bridge.step(at, Event::Input(Input::Received(datagram)), &mut self.out);
         self.frames()
     }
 
     fn wait(&mut self, until: Time) {
         while let Some(deadline) = self.bridge.deadline().filter(|deadline| *deadline <= until) {
             self.bridge.step(deadline, Event::Deadline, &mut self.out);
-            assert_ne!(
-                self.bridge.deadline(),
-                Some(deadline),
-                "a deadline kept must move"
-            );
+            assert_ne!(self.bridge.deadline(), Some(deadline), "a deadline kept must move");
         }
     }
 
     fn frames(&mut self) -> Vec<MocapFrame> {
-        self.out
-            .take_messages()
-            .map(|Output::Frame(frame)| frame)
-            .collect()
+        self.out.take_messages().map(|Output::Frame(frame)| frame).collect()
     }
 
     fn objects(&mut self, at: Time, frame: u32, objects: &[Object<'_>]) -> Vec<MocapFrame> {
@@ -85,22 +66,14 @@ impl Bench {
     }
 
     fn events(&self) -> Vec<&str> {
-        self.out
-            .events()
-            .iter()
-            .map(|event| event.name.as_str())
-            .collect()
+        self.out.events().iter().map(|event| event.name.as_str()).collect()
     }
 }
 
 /// A vehicle somewhere that differs from frame to frame.
 fn seen(name: &str, frame: u32) -> Object<'_> {
     let x = f64::from(frame) * 0.37;
-    Object {
-        name: name.as_bytes(),
-        translation_mm: [x, 2000.0, 3000.0],
-        rotation_rad: [0.01, 0.02, 0.03],
-    }
+    Object { name: name.as_bytes(), translation_mm: [x, 2000.0, 3000.0], rotation_rad: [0.01, 0.02, 0.03] }
 }
 
 fn vehicles(frame: &MocapFrame) -> Vec<u8> {
@@ -112,19 +85,12 @@ fn the_golden_datagram_becomes_a_frame() {
     let mut bench = Bench::new("double-flip");
     let frames = bench.bytes(ms(100), &GOLDEN);
     assert_eq!(frames.len(), 1);
-    assert_eq!(
-        (frames[0].frame, frames[0].received_at, frames[0].exposed_at),
-        (4242, ms(100), ms(90))
-    );
+    assert_eq!((frames[0].frame, frames[0].received_at, frames[0].exposed_at), (4242, ms(100), ms(90)));
     let body = &frames[0].bodies[0];
     assert_eq!((body.vehicle, body.subject.as_str()), (1, "quad1"));
     assert!((body.position_m - Vector::<World>::new(0.1, -0.2005, 1.50025)).norm() < 1e-12);
     let back = rotation_to_euler(body.orientation);
-    assert!(
-        back.iter()
-            .zip([0.1, -0.2, 0.3])
-            .all(|(a, b)| (a - b).abs() < 1e-12)
-    );
+    assert!(back.iter().zip([0.1, -0.2, 0.3]).all(|(a, b)| (a - b).abs() < 1e-12));
     assert_eq!(bench.bridge.counters().frames, 1);
 }
 
@@ -149,11 +115,7 @@ fn an_incomplete_frame_goes_out_after_two_milliseconds_or_with_the_next() {
     assert!(bench.objects(ms(103), 7, &[seen("quad1", 7)]).is_empty());
     assert_eq!(bench.bridge.counters().late, 1);
     assert!(bench.objects(ms(105), 8, &[seen("quad2", 8)]).is_empty());
-    let frames = bench.objects(
-        ms(106),
-        9,
-        &[seen("quad1", 9), seen("quad2", 9), seen("quad3", 9)],
-    );
+    let frames = bench.objects(ms(106), 9, &[seen("quad1", 9), seen("quad2", 9), seen("quad3", 9)]);
     assert_eq!(frames.iter().map(|frame| frame.frame).collect::<Vec<_>>(), [8, 9]);
 }
 
@@ -161,21 +123,14 @@ fn an_incomplete_frame_goes_out_after_two_milliseconds_or_with_the_next() {
 fn a_vehicle_long_gone_is_not_waited_for_until_it_shows_up_again() {
     let mut bench = Bench::new("fleet");
     for frame in 0..250 {
-        bench.objects(
-            ms(5 * i64::from(frame)),
-            frame,
-            &[seen("quad1", frame), seen("quad2", frame)],
-        );
+        bench.objects(ms(5 * i64::from(frame)), frame, &[seen("quad1", frame), seen("quad2", frame)]);
     }
     let both = |frame| [seen("quad1", frame), seen("quad2", frame)];
     assert_eq!(bench.objects(ms(1250), 250, &both(250)).len(), 1);
     // It comes back in a datagram of its own, behind the first: once too late, then waited for.
     assert!(bench.objects(ms(1251), 250, &[seen("quad3", 250)]).is_empty());
     assert!(bench.objects(ms(1255), 251, &both(251)).is_empty());
-    assert_eq!(
-        vehicles(&bench.objects(ms(1256), 251, &[seen("quad3", 251)])[0]),
-        [1, 2, 3]
-    );
+    assert_eq!(vehicles(&bench.objects(ms(1256), 251, &[seen("quad3", 251)])[0]), [1, 2, 3]);
 }
 
 #[test]
@@ -184,11 +139,7 @@ fn a_frame_in_which_nobody_is_seen_is_still_sent() {
     bench.objects(ms(100), 7, &[]);
     bench.wait(ms(102));
     assert_eq!(vehicles(&bench.frames()[0]), []);
-    let zero = Object {
-        name: b"quad1",
-        translation_mm: [0.0; 3],
-        rotation_rad: [0.0; 3],
-    };
+    let zero = Object { name: b"quad1", translation_mm: [0.0; 3], rotation_rad: [0.0; 3] };
     // Reported at zero it is reported: no need to wait for more.
     assert_eq!(vehicles(&bench.objects(ms(105), 8, &[zero])[0]), []);
     assert_eq!(bench.events(), ["pose-zero"]);
@@ -199,30 +150,17 @@ fn a_frozen_pose_is_left_out_at_once_and_reported_once() {
     let mut bench = Bench::new("double-flip");
     assert_eq!(vehicles(&bench.objects(ms(100), 1, &[seen("quad1", 1)])[0]), [1]);
     for frame in 2..60 {
-        assert_eq!(
-            vehicles(&bench.objects(ms(95 + 5 * frame), frame as u32, &[seen("quad1", 1)])[0]),
-            []
-        );
-        assert_eq!(
-            bench.events().len(),
-            usize::from(frame >= 6),
-            "reported within 50 ms, once"
-        );
+        assert_eq!(vehicles(&bench.objects(ms(95 + 5 * frame), frame as u32, &[seen("quad1", 1)])[0]), []);
+        assert_eq!(bench.events().len(), usize::from(frame >= 6), "reported within 50 ms, once");
     }
     assert_eq!(bench.events(), ["pose-frozen"]);
-    assert_eq!(
-        vehicles(&bench.objects(ms(400), 60, &[seen("quad1", 60)])[0]),
-        [1]
-    );
+    assert_eq!(vehicles(&bench.objects(ms(400), 60, &[seen("quad1", 60)])[0]), [1]);
 }
 
 #[test]
 fn poison_leaves_only_its_own_vehicle_out() {
     let mut bench = Bench::new("fleet");
-    let bad = Object {
-        translation_mm: [f64::NAN, 0.0, 0.0],
-        ..seen("quad2", 1)
-    };
+    let bad = Object { translation_mm: [f64::NAN, 0.0, 0.0], ..seen("quad2", 1) };
     for frame in 1..100 {
         let frames = bench.objects(
             ms(5 * i64::from(frame)),
@@ -240,21 +178,14 @@ fn strangers_are_reported_once_each_and_counted() {
     let mut bench = Bench::new("double-flip");
     for frame in 0..20 {
         let objects = [seen("wand", frame), seen("quad1", frame), seen("table", frame)];
-        assert_eq!(
-            vehicles(&bench.objects(ms(5 * i64::from(frame)), frame, &objects)[0]),
-            [1]
-        );
+        assert_eq!(vehicles(&bench.objects(ms(5 * i64::from(frame)), frame, &objects)[0]), [1]);
     }
     assert_eq!(bench.events(), ["subject-unknown", "subject-unknown"]);
     assert_eq!(bench.bridge.counters().unknown_objects, 40);
     // A thousand names do not fill memory or the bus.
     for frame in 20..1020 {
         let name = format!("ghost{frame}");
-        bench.objects(
-            ms(5 * i64::from(frame)),
-            frame,
-            &[seen(&name, frame), seen("quad1", frame)],
-        );
+        bench.objects(ms(5 * i64::from(frame)), frame, &[seen(&name, frame), seen("quad1", frame)]);
     }
     assert_eq!(bench.events().len(), 32);
 }
@@ -262,12 +193,7 @@ fn strangers_are_reported_once_each_and_counted() {
 #[test]
 fn a_vehicle_reported_twice_counts_once() {
     let mut bench = Bench::new("fleet");
-    let objects = [
-        seen("quad1", 1),
-        seen("quad1", 2),
-        seen("quad2", 1),
-        seen("quad3", 1),
-    ];
+    let objects = [seen("quad1", 1), seen("quad1", 2), seen("quad2", 1), seen("quad3", 1)];
     assert_eq!(vehicles(&bench.objects(ms(100), 1, &objects)[0]), [1, 2, 3]);
     assert_eq!(bench.bridge.counters().duplicate_objects, 1);
 }
@@ -287,11 +213,7 @@ fn a_frozen_frame_number_is_a_dropout_reported_within_50_ms() {
     let mut bench = Bench::new("double-flip");
     bench.objects(ms(100), 10, &[seen("quad1", 10)]);
     for step in 1..40 {
-        assert!(
-            bench
-                .objects(ms(100 + 5 * i64::from(step)), 10, &[seen("quad1", 10 + step)])
-                .is_empty()
-        );
+        assert!(bench.objects(ms(100 + 5 * i64::from(step)), 10, &[seen("quad1", 10 + step)]).is_empty());
         assert_eq!(bench.events().len(), usize::from(step >= 6));
     }
     assert_eq!(bench.events(), ["frame-number-frozen"]);
@@ -326,11 +248,7 @@ fn the_wrap_of_the_count_goes_unnoticed() {
         published.extend(bench.objects(ms(5 * i64::from(step)), frame, &[seen("quad1", step)]));
     }
     assert_eq!(published.len(), 2000);
-    assert!(
-        published
-            .windows(2)
-            .all(|pair| pair[1].frame == pair[0].frame + 1)
-    );
+    assert!(published.windows(2).all(|pair| pair[1].frame == pair[0].frame + 1));
     assert!(published[100..].windows(2).all(|pair| {
         (pair[1].exposed_at - pair[0].exposed_at - Span::from_millis(5)).abs() < Span::from_micros(2)
     }));
@@ -375,23 +293,14 @@ fn any_bytes_are_decoded_or_dropped() {
     for step in 0..20_000i64 {
         let mut bytes = GOLDEN;
         for _ in 0..3 {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             bytes[(state >> 33) as usize % 80] ^= (state >> 20) as u8;
         }
-        let length = if step % 5 == 0 {
-            (state >> 40) as usize % 81
-        } else {
-            80
-        };
+        let length = if step % 5 == 0 { (state >> 40) as usize % 81 } else { 80 };
         for frame in bench.bytes(ms(step), &bytes[..length]) {
             assert!(frame.exposed_at <= frame.received_at);
             assert!(
-                frame
-                    .bodies
-                    .iter()
-                    .all(|body| body.position_m.is_finite() && body.orientation.is_finite())
+                frame.bodies.iter().all(|body| body.position_m.is_finite() && body.orientation.is_finite())
             );
         }
     }
@@ -403,24 +312,15 @@ fn any_bytes_are_decoded_or_dropped() {
 fn another_device_endpoint_is_not_the_stream() {
     let mut bench = Bench::new("double-flip");
     let bytes = GOLDEN.as_slice().try_into().expect("fits");
-    let foreign = DeviceBytes {
-        port: 9,
-        at: ms(100),
-        bytes,
-    };
-    bench
-        .bridge
-        .step(ms(100), Event::Input(Input::Received(foreign)), &mut bench.out);
+    let foreign = DeviceBytes { port: 9, at: ms(100), bytes };
+    bench.bridge.step(ms(100), Event::Input(Input::Received(foreign)), &mut bench.out);
     assert!(bench.out.is_empty());
     assert_eq!(bench.bridge.counters().foreign, 1);
 }
 
 #[test]
 fn impossible_settings_are_refused() {
-    let tuning = Tuning {
-        merge_s: f64::NAN,
-        ..Tuning::default()
-    };
+    let tuning = Tuning { merge_s: f64::NAN, ..Tuning::default() };
     assert!(matches!(
         ViconBridge::new(&arena("fleet"), tuning, start()),
         Err(ConfigError::OutOfRange { .. })
@@ -440,10 +340,7 @@ fn rotations_are_of_unit_length() {
     let mut bench = Bench::new("double-flip");
     for frame in 1..220 {
         let angle = f64::from(frame) * 0.1 - 10.0;
-        let object = Object {
-            rotation_rad: [angle, 0.5 * angle, -0.7 * angle],
-            ..seen("quad1", frame)
-        };
+        let object = Object { rotation_rad: [angle, 0.5 * angle, -0.7 * angle], ..seen("quad1", frame) };
         let frames = bench.objects(ms(5 * i64::from(frame)), frame, &[object]);
         let Rotation::<Body, World> { w, x, y, z, .. } = frames[0].bodies[0].orientation;
         assert!((w * w + x * x + y * y + z * z - 1.0).abs() < 1e-12);

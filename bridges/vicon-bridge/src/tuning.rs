@@ -72,11 +72,5 @@ fn in_range(key: &str, value: f64, min: f64, max: f64) -> Result<(), ConfigError
         return Ok(());
     }
     let (file, key) = ("services.toml".to_owned(), format!("[vicon-bridge] {key}"));
-    Err(ConfigError::OutOfRange {
-        file,
-        key,
-        value,
-        min,
-        max,
-    })
+    Err(ConfigError::OutOfRange { file, key, value, min, max })
 }

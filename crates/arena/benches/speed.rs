@@ -54,14 +54,21 @@ fn main() {
 
     let mut traffic = Traffic::default();
     let _ = experiment::learn(&arena, 1, &mut traffic);
-    println!("  {:.0} datagrams and {:.0} kB per virtual second", traffic.datagrams as f64 / virtual_s, traffic.bytes as f64 / virtual_s / 1e3);
+    println!(
+        "  {:.0} datagrams and {:.0} kB per virtual second",
+        traffic.datagrams as f64 / virtual_s,
+        traffic.bytes as f64 / virtual_s / 1e3
+    );
     traffic.by_topic.sort_by_key(|(_, count, _)| std::cmp::Reverse(*count));
     for (topic, count, bytes) in traffic.by_topic.iter().take(8) {
         println!("    {topic:<24} {:7.1} per s, {} bytes each", *count as f64 / virtual_s, bytes / count);
     }
 
     let sealing_s = sealing(&traffic);
-    println!("  one seal and one verification of each datagram, alone: {sealing_s:.3} s, {:.0} %", 100.0 * sealing_s / experiment_s);
+    println!(
+        "  one seal and one verification of each datagram, alone: {sealing_s:.3} s, {:.0} %",
+        100.0 * sealing_s / experiment_s
+    );
     let (plant_s, ticks) = plant_alone(&arena, virtual_s);
     println!("  the plant on the floor, alone: {plant_s:.3} s, {:.0} %", 100.0 * plant_s / experiment_s);
     println!("  {:.2} million 800 Hz ticks per second", ticks / plant_s / 1e6);
@@ -74,7 +81,8 @@ fn sealing(traffic: &Traffic) -> f64 {
     let keyring = Keyring::new(&secret, Domain::Sim, 7, role, [role]);
     let topic = TopicName::new("vehicle/state").expect("a short name");
     let body = vec![7_u8; (traffic.bytes / traffic.datagrams.max(1)) as usize - 56 - 16 - 13];
-    let identity = Identity { source: 1, incarnation: 1, domain: Domain::Sim, run: 7, seed: service_core::Seed(1) };
+    let identity =
+        Identity { source: 1, incarnation: 1, domain: Domain::Sim, run: 7, seed: service_core::Seed(1) };
     let mut windows = Windows::new();
     let mut datagram = Vec::new();
     let started = Instant::now();

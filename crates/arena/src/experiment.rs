@@ -7,8 +7,8 @@ use plant::{ManeuverTruth, Trajectory};
 use quantity::{Span, Time, Vector, World, math};
 use reflect::Message;
 use schemas::{
-    FlipPhase, FlipStatus, LearnerVerdict, ManeuverParameters, ManeuverResult, NodeEvent, PlantManeuver, PlantTruth,
-    Topic, topics,
+    FlipPhase, FlipStatus, LearnerVerdict, ManeuverParameters, ManeuverResult, NodeEvent, PlantManeuver,
+    PlantTruth, Topic, topics,
 };
 use serde::Serialize;
 use service_core::{AnyNode, Core, Identity, Node};
@@ -167,7 +167,13 @@ impl Log {
                 (id, VehicleLog { report, truths: Vec::new(), phase: FlipPhase::Idle })
             })
             .collect();
-        Self { start, vehicles, maneuvers: Vec::new(), trajectories: Vec::new(), extremes: Extremes::default() }
+        Self {
+            start,
+            vehicles,
+            maneuvers: Vec::new(),
+            trajectories: Vec::new(),
+            extremes: Extremes::default(),
+        }
     }
 
     fn all_done(&self) -> bool {
@@ -178,8 +184,11 @@ impl Log {
     fn side_views(&self) -> Vec<(u8, Vec<SideView>)> {
         let of_vehicle = |id: u8| {
             let flown: Vec<_> = self.trajectories.iter().filter(|flown| flown.vehicle == id).collect();
-            let mut views: Vec<SideView> =
-                flown.first().map(|first| side_view("b) the first flip".to_owned(), first)).into_iter().collect();
+            let mut views: Vec<SideView> = flown
+                .first()
+                .map(|first| side_view("b) the first flip".to_owned(), first))
+                .into_iter()
+                .collect();
             if flown.len() > 1 {
                 let label = format!("c) flip {}", flown.len() - 1);
                 views.extend(flown.last().map(|last| side_view(label, last)));
@@ -241,7 +250,8 @@ impl Log {
 
 fn side_view(label: String, flown: &Trajectory) -> SideView {
     let (sin, cos) = math::sin_cos(flown.heading_rad);
-    let of_maneuver = || flown.samples.iter().filter(|sample| (0.0..=flown.duration_s).contains(&sample.after_s));
+    let of_maneuver =
+        || flown.samples.iter().filter(|sample| (0.0..=flown.duration_s).contains(&sample.after_s));
     let start = of_maneuver().next().map_or(Vector::ZERO, |sample| sample.position_m);
     let points = of_maneuver()
         .map(|sample| {

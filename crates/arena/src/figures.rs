@@ -3,7 +3,9 @@
 use maneuver::{Discretisation, Envelope, FlipDesign, Integral, Model};
 use settings::{Arena, FleetVehicle};
 
-use crate::pictures::{PictureError, SidePoint, SideView, errors_over_flips, parameters_over_flips, side_views};
+use crate::pictures::{
+    PictureError, SidePoint, SideView, errors_over_flips, parameters_over_flips, side_views,
+};
 use crate::report::LearnReport;
 
 /// Step of the side views, as in the paper's Fig. 2.
@@ -25,7 +27,8 @@ pub fn all(
         let title = format!("Final error over flips (lines measured, dots true): {about}");
         drawings.push((format!("errors-vehicle-{}", vehicle.id), errors_over_flips(&title, vehicle)?));
         let title = format!("Parameters over flips: {about}");
-        drawings.push((format!("parameters-vehicle-{}", vehicle.id), parameters_over_flips(&title, vehicle)?));
+        drawings
+            .push((format!("parameters-vehicle-{}", vehicle.id), parameters_over_flips(&title, vehicle)?));
         let mut views: Vec<SideView> = model_view(arena, member).into_iter().collect();
         views.extend(flown.iter().filter(|(id, _)| *id == vehicle.id).flat_map(|(_, views)| views.clone()));
         let title = format!("Side view in 5 ms steps: {about}");

@@ -154,7 +154,8 @@ impl FlipReport {
     /// One line for a terminal.
     #[must_use]
     pub fn line(&self, vehicle: u8) -> String {
-        let mut line = format!("vehicle {vehicle}  flip {:3}  {:<10}", self.index, format!("{:?}", self.outcome));
+        let mut line =
+            format!("vehicle {vehicle}  flip {:3}  {:<10}", self.index, format!("{:?}", self.outcome));
         let p = self.parameters;
         let _ = write!(
             line,
@@ -187,7 +188,11 @@ impl LearnReport {
                     Outcome::Aborted => "aborted",
                     Outcome::Unmeasured => "unmeasured",
                 };
-                let _ = write!(csv, "{},{},{outcome},{},{}", vehicle.id, flip.index, flip.began_s, flip.battery_v);
+                let _ = write!(
+                    csv,
+                    "{},{},{outcome},{},{}",
+                    vehicle.id, flip.index, flip.began_s, flip.battery_v
+                );
                 for value in flip
                     .parameters
                     .to_array()

@@ -63,19 +63,11 @@ pub(crate) struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     pub(crate) fn new(out: &'a mut [u8]) -> Self {
-        Self {
-            out,
-            length: 0,
-            overflowed: false,
-        }
+        Self { out, length: 0, overflowed: false }
     }
 
     pub(crate) fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
-        match self
-            .out
-            .get_mut(self.length..)
-            .and_then(|free| free.get_mut(..bytes.len()))
-        {
+        match self.out.get_mut(self.length..).and_then(|free| free.get_mut(..bytes.len())) {
             Some(place) => {
                 place.copy_from_slice(bytes);
                 self.length += bytes.len();
@@ -128,8 +120,5 @@ pub(crate) fn from_hex(hex: &str) -> std::vec::Vec<u8> {
         .filter(|c| !c.is_whitespace())
         .map(|c| c.to_digit(16).expect("a hexadecimal digit"))
         .collect();
-    digits
-        .chunks_exact(2)
-        .map(|pair| (pair[0] * 16 + pair[1]) as u8)
-        .collect()
+    digits.chunks_exact(2).map(|pair| (pair[0] * 16 + pair[1]) as u8).collect()
 }

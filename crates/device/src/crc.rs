@@ -6,10 +6,7 @@
 /// The polynomial has the factor x + 1, so every odd number of wrong bits is found; its period of 1023
 /// exceeds the 176 bits of an SBUS frame, so every two wrong bits are found too.
 pub(crate) fn crc11(words: &[u16]) -> u16 {
-    words
-        .iter()
-        .flat_map(|word| (0..11).rev().map(move |bit| (word >> bit) & 1))
-        .fold(0, crc11_bit)
+    words.iter().flat_map(|word| (0..11).rev().map(move |bit| (word >> bit) & 1)).fold(0, crc11_bit)
 }
 
 const fn crc11_bit(crc: u16, bit: u16) -> u16 {
@@ -22,11 +19,7 @@ const fn crc11_bit(crc: u16, bit: u16) -> u16 {
 pub(crate) fn crc16(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, byte| {
         (0..8).fold(crc ^ (u16::from(*byte) << 8), |crc, _| {
-            if crc & 0x8000 == 0 {
-                crc << 1
-            } else {
-                (crc << 1) ^ 0x1021
-            }
+            if crc & 0x8000 == 0 { crc << 1 } else { (crc << 1) ^ 0x1021 }
         })
     })
 }
@@ -44,9 +37,8 @@ mod tests {
 
     #[test]
     fn check_values_are_those_of_the_catalogues() {
-        let bits = b"123456789"
-            .iter()
-            .flat_map(|byte| (0..8).rev().map(move |bit| u16::from(byte >> bit) & 1));
+        let bits =
+            b"123456789".iter().flat_map(|byte| (0..8).rev().map(move |bit| u16::from(byte >> bit) & 1));
         assert_eq!(bits.fold(0, crc11_bit), 0x061);
         assert_eq!(crc16(b"123456789"), 0x29B1);
         assert_eq!(fnv1a64(*b"foobar"), 0x8594_4171_F739_67E8);

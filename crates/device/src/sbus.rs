@@ -35,10 +35,7 @@ impl Frame {
     /// A frame of these channels, no flag set.
     #[must_use]
     pub fn new(channels: [u16; 16]) -> Self {
-        Self {
-            channels,
-            ..Self::default()
-        }
+        Self { channels, ..Self::default() }
     }
 
     /// The bytes of the frame. Of each channel the lower eleven bits are sent.
@@ -58,10 +55,7 @@ impl Frame {
             (self.frame_lost, FLAG_FRAME_LOST),
             (self.failsafe, FLAG_FAILSAFE),
         ];
-        out[23] = flags
-            .iter()
-            .filter(|(set, _)| *set)
-            .fold(0, |all, (_, flag)| all | flag);
+        out[23] = flags.iter().filter(|(set, _)| *set).fold(0, |all, (_, flag)| all | flag);
         out[24] = FOOTER;
         out
     }
@@ -72,10 +66,7 @@ impl Frame {
     /// [`NotAFrame`] where the first or the last byte is not what every frame has there.
     pub fn decode(bytes: &[u8; FRAME_BYTES]) -> Result<Self, NotAFrame> {
         if bytes[0] != HEADER || bytes[24] != FOOTER {
-            return Err(NotAFrame {
-                first: bytes[0],
-                last: bytes[24],
-            });
+            return Err(NotAFrame { first: bytes[0], last: bytes[24] });
         }
         let mut channels = [0u16; 16];
         for (channel, value) in channels.iter_mut().enumerate() {
@@ -106,11 +97,7 @@ pub struct NotAFrame {
 
 impl fmt::Display for NotAFrame {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "not an SBUS frame: begins {:02X} (0F), ends {:02X} (00)",
-            self.first, self.last
-        )
+        write!(f, "not an SBUS frame: begins {:02X} (0F), ends {:02X} (00)", self.first, self.last)
     }
 }
 
@@ -172,10 +159,7 @@ impl FrameFinder {
     }
 
     fn restart_at_next_header(&mut self) {
-        let next = self.buffer[1..]
-            .iter()
-            .position(|byte| *byte == HEADER)
-            .map_or(FRAME_BYTES, |at| at + 1);
+        let next = self.buffer[1..].iter().position(|byte| *byte == HEADER).map_or(FRAME_BYTES, |at| at + 1);
         self.buffer.copy_within(next.., 0);
         self.length = FRAME_BYTES - next;
         self.skipped_bytes += next as u64;
@@ -208,34 +192,10 @@ mod tests {
     fn each_flag_has_its_bit() {
         let (frame, bytes) = golden();
         for (flag, flagged) in [
-            (
-                1,
-                Frame {
-                    channel_17: true,
-                    ..frame
-                },
-            ),
-            (
-                2,
-                Frame {
-                    channel_18: true,
-                    ..frame
-                },
-            ),
-            (
-                4,
-                Frame {
-                    frame_lost: true,
-                    ..frame
-                },
-            ),
-            (
-                8,
-                Frame {
-                    failsafe: true,
-                    ..frame
-                },
-            ),
+            (1, Frame { channel_17: true, ..frame }),
+            (2, Frame { channel_18: true, ..frame }),
+            (4, Frame { frame_lost: true, ..frame }),
+            (8, Frame { failsafe: true, ..frame }),
         ] {
             let mut expected = bytes;
             expected[23] = flag;
@@ -253,14 +213,9 @@ mod tests {
         assert_eq!(found.last(), Some(&frame));
 
         let mut finder = FrameFinder::new();
-        bytes[..9]
-            .iter()
-            .for_each(|byte| assert_eq!(finder.push(*byte), None));
+        bytes[..9].iter().for_each(|byte| assert_eq!(finder.push(*byte), None));
         finder.gap();
-        assert_eq!(
-            bytes.iter().filter_map(|byte| finder.push(*byte)).next(),
-            Some(frame)
-        );
+        assert_eq!(bytes.iter().filter_map(|byte| finder.push(*byte)).next(), Some(frame));
         assert_eq!(finder.skipped_bytes(), 9);
     }
 

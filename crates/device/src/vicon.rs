@@ -40,10 +40,7 @@ impl Object<'_> {
     /// Whether all six numbers are finite. The stream guarantees nothing of the kind.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        self.translation_mm
-            .iter()
-            .chain(&self.rotation_rad)
-            .all(|number| number.is_finite())
+        self.translation_mm.iter().chain(&self.rotation_rad).all(|number| number.is_finite())
     }
 }
 
@@ -105,25 +102,17 @@ impl<'a> Datagram<'a> {
         for _ in 0..items {
             let (id, item) = next_item(&mut reader).ok_or(truncated)?;
             if id == ITEM_OBJECT && item.len() < usize::from(ITEM_BYTES) {
-                return Err(ViconError::ShortObject {
-                    bytes: item.len() as u16,
-                });
+                return Err(ViconError::ShortObject { bytes: item.len() as u16 });
             }
         }
-        Ok(Self {
-            frame_number,
-            items,
-            body,
-        })
+        Ok(Self { frame_number, items, body })
     }
 
     /// The objects in the order they were sent; items that are no objects are left out.
     pub fn objects(&self) -> impl Iterator<Item = Object<'a>> + use<'a> {
         let mut reader = Reader::new(self.body);
         let items = (0..self.items).map_while(move |_| next_item(&mut reader));
-        items
-            .filter(|(id, _)| *id == ITEM_OBJECT)
-            .filter_map(|(_, item)| read_object(item))
+        items.filter(|(id, _)| *id == ITEM_OBJECT).filter_map(|(_, item)| read_object(item))
     }
 }
 
@@ -138,11 +127,7 @@ fn read_object(item: &[u8]) -> Option<Object<'_>> {
     let name = field.split(|byte| *byte == 0).next().unwrap_or(field);
     let translation_mm = [reader.f64()?, reader.f64()?, reader.f64()?];
     let rotation_rad = [reader.f64()?, reader.f64()?, reader.f64()?];
-    Some(Object {
-        name,
-        translation_mm,
-        rotation_rad,
-    })
+    Some(Object { name, translation_mm, rotation_rad })
 }
 
 /// Writes one datagram and answers its length; pad it to a fixed block by sending more of `out`, zeroed
@@ -156,9 +141,7 @@ pub fn encode(frame_number: u32, objects: &[Object<'_>], out: &mut [u8]) -> Resu
     writer.u32(frame_number).u8(count);
     for object in objects {
         let mut name = [0; NAME_BYTES];
-        name.get_mut(..object.name.len())
-            .ok_or(ViconError::LongName)?
-            .copy_from_slice(object.name);
+        name.get_mut(..object.name.len()).ok_or(ViconError::LongName)?.copy_from_slice(object.name);
         writer.u8(ITEM_OBJECT).u16(ITEM_BYTES).bytes(&name);
         for number in object.translation_mm.iter().chain(&object.rotation_rad) {
             writer.f64(*number);
@@ -190,16 +173,8 @@ pub fn rotation_to_euler(attitude: Rotation<Body, World>) -> [f64; 3] {
     let r00 = 1.0 - 2.0 * (y * y + z * z);
     let r01 = 2.0 * (x * y - z * w);
     let r02 = 2.0 * (x * z + y * w);
-    let (r10, r11, r12) = (
-        2.0 * (x * y + z * w),
-        1.0 - 2.0 * (x * x + z * z),
-        2.0 * (y * z - x * w),
-    );
-    let (r20, r21, r22) = (
-        2.0 * (x * z - y * w),
-        2.0 * (y * z + x * w),
-        1.0 - 2.0 * (x * x + y * y),
-    );
+    let (r10, r11, r12) = (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w));
+    let (r20, r21, r22) = (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y));
     let about_x = math::atan2(-r12, r22);
     let about_y = math::atan2(r02, math::sqrt(r00 * r00 + r01 * r01));
     let (sx, cx) = math::sin_cos(about_x);
@@ -220,11 +195,8 @@ mod tests {
         0000000000005940 00000000001069c0 0000000000719740
         9a9999999999b93f 9a9999999999c9bf 333333333333d33f";
 
-    const QUAD: Object<'_> = Object {
-        name: b"quad1",
-        translation_mm: [100.0, -200.5, 1500.25],
-        rotation_rad: [0.1, -0.2, 0.3],
-    };
+    const QUAD: Object<'_> =
+        Object { name: b"quad1", translation_mm: [100.0, -200.5, 1500.25], rotation_rad: [0.1, -0.2, 0.3] };
 
     fn encoded(frame_number: u32, objects: &[Object<'_>]) -> Vec<u8> {
         let mut out = [0; 1024];
@@ -250,16 +222,7 @@ mod tests {
 
     #[test]
     fn unknown_items_and_longer_objects_and_padding_are_stepped_over() {
-        let mut bytes = encoded(
-            7,
-            &[
-                QUAD,
-                Object {
-                    name: b"second",
-                    ..QUAD
-                },
-            ],
-        );
+        let mut bytes = encoded(7, &[QUAD, Object { name: b"second", ..QUAD }]);
         bytes[4] = 4;
         // An unknown item of three bytes in front, and an object with two bytes to spare behind.
         bytes.splice(5..5, [9, 3, 0, 1, 2, 3]);
@@ -268,11 +231,8 @@ mod tests {
         longer.extend([0xAA, 0xBB]);
         bytes.extend(longer);
         bytes.resize(512, 0);
-        let names: Vec<Vec<u8>> = Datagram::decode(&bytes)
-            .unwrap()
-            .objects()
-            .map(|object| object.name.to_vec())
-            .collect();
+        let names: Vec<Vec<u8>> =
+            Datagram::decode(&bytes).unwrap().objects().map(|object| object.name.to_vec()).collect();
         assert_eq!(names, [b"quad1".to_vec(), b"second".to_vec(), b"quad1".to_vec()]);
     }
 
@@ -285,38 +245,19 @@ mod tests {
         }
         let mut short = bytes;
         short[6] = 71;
-        assert_eq!(
-            Datagram::decode(&short).unwrap_err(),
-            ViconError::ShortObject { bytes: 71 }
-        );
+        assert_eq!(Datagram::decode(&short).unwrap_err(), ViconError::ShortObject { bytes: 71 });
     }
 
     #[test]
     fn what_cannot_be_sent_is_an_error() {
         assert_eq!(encode(1, &[QUAD], &mut [0; 79]), Err(ViconError::NoRoom));
         assert_eq!(
-            encode(
-                1,
-                &[Object {
-                    name: &[b'x'; 25],
-                    ..QUAD
-                }],
-                &mut [0; 99]
-            ),
+            encode(1, &[Object { name: &[b'x'; 25], ..QUAD }], &mut [0; 99]),
             Err(ViconError::LongName)
         );
-        assert_eq!(
-            encode(1, &[QUAD; 256], &mut [0; 99]),
-            Err(ViconError::TooManyObjects)
-        );
-        let full = Object {
-            name: b"abcdefghijklmnopqrstuvwx",
-            ..QUAD
-        };
-        assert_eq!(
-            Datagram::decode(&encoded(1, &[full])).unwrap().objects().next(),
-            Some(full)
-        );
+        assert_eq!(encode(1, &[QUAD; 256], &mut [0; 99]), Err(ViconError::TooManyObjects));
+        let full = Object { name: b"abcdefghijklmnopqrstuvwx", ..QUAD };
+        assert_eq!(Datagram::decode(&encoded(1, &[full])).unwrap().objects().next(), Some(full));
     }
 
     #[test]

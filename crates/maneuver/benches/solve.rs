@@ -19,22 +19,12 @@ const RATIO_RUNS: u32 = 40;
 
 fn triple() -> FlipDesign {
     let envelope = Envelope::with_margin(&Model::TABLE_I, Envelope::MARGIN).expect("the usual margin");
-    FlipDesign {
-        flips: 3,
-        rate_rad_s_max: 1600f64.to_radians(),
-        envelope,
-    }
+    FlipDesign { flips: 3, rate_rad_s_max: 1600f64.to_radians(), envelope }
 }
 
 /// The solution's parameters, so that both sides fly flips of the same length.
 fn triple_parameters() -> Parameters {
-    Parameters {
-        u1_m_s2: 20.79507,
-        t1_s: 0.25931,
-        t3_s: 0.50143,
-        u5_m_s2: 20.75617,
-        t5_s: 0.27774,
-    }
+    Parameters { u1_m_s2: 20.79507, t1_s: 0.25931, t3_s: 0.50143, u5_m_s2: 20.75617, t5_s: 0.27774 }
 }
 
 fn solve_triple() -> f64 {
@@ -45,9 +35,7 @@ fn solve_triple() -> f64 {
 fn plain_flips() -> f64 {
     let model = Model::TABLE_I;
     let primitive = Primitive::new(&triple(), model.alpha_l_m(), &triple_parameters()).expect("a flip");
-    (0..PLAIN_FLIPS)
-        .map(|_| plain_flip(&model, black_box(&primitive)))
-        .sum()
+    (0..PLAIN_FLIPS).map(|_| plain_flip(&model, black_box(&primitive))).sum()
 }
 
 /// One flip as anybody would write it: nine states, textbook Runge-Kutta, commands held over each 800 Hz
@@ -85,11 +73,7 @@ fn slope(model: &Model, state: &[f64; 8], wanted: &[f64; 2]) -> [f64; 8] {
     let collective = 2.0 * (a + b) / model.mass_kg;
     let (sine, cosine) = theta.sin_cos();
     let lag = |wanted: f64, thrust: f64| {
-        let gain = if wanted >= thrust {
-            model.rotor_gain_up_1_s
-        } else {
-            model.rotor_gain_down_1_s
-        };
+        let gain = if wanted >= thrust { model.rotor_gain_up_1_s } else { model.rotor_gain_down_1_s };
         gain * (wanted - thrust)
     };
     [
@@ -110,9 +94,7 @@ fn advanced(state: &[f64; 8], slope: &[f64; 8], h: f64) -> [f64; 8] {
 
 fn solving(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("triple 1600 deg/s");
-    group.bench_function("solve: P0 and J, continuous model", |bencher| {
-        bencher.iter(solve_triple)
-    });
+    group.bench_function("solve: P0 and J, continuous model", |bencher| bencher.iter(solve_triple));
     group.bench_function("plain: 132 flips at 800 Hz", |bencher| bencher.iter(plain_flips));
     group.finish();
 }
@@ -131,8 +113,5 @@ criterion_group!(benches, solving);
 fn main() {
     benches();
     let (solve, plain) = (fastest(solve_triple), fastest(plain_flips));
-    println!(
-        "plain {plain:?} / solve {solve:?} = {:.2}",
-        plain.as_secs_f64() / solve.as_secs_f64()
-    );
+    println!("plain {plain:?} / solve {solve:?} = {:.2}", plain.as_secs_f64() / solve.as_secs_f64());
 }

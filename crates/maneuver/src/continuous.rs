@@ -24,9 +24,7 @@ pub(crate) fn fly_step<const N: usize>(
 ) {
     let step = |lane: usize| &primitives[lane].steps()[index];
     let counts: [u32; N] = array::from_fn(|lane| math::ceil(steps_hz * step(lane).duration_s) as u32);
-    let h = Lanes(array::from_fn(|lane| {
-        step(lane).duration_s / f64::from(counts[lane].max(1))
-    }));
+    let h = Lanes(array::from_fn(|lane| step(lane).duration_s / f64::from(counts[lane].max(1))));
     let share = Lanes(array::from_fn(|lane| step(lane).collective_m_s2 * c.share));
     let start_rate = Lanes(array::from_fn(|lane| primitives[lane].start_rate_rad_s(index)));
     let slope = h * Lanes(array::from_fn(|lane| step(lane).angular_acceleration_rad_s2));
@@ -43,9 +41,7 @@ pub(crate) fn fly_step<const N: usize>(
             &length
         } else {
             // A lane that is done stands still: a step of no length changes nothing.
-            let h = Lanes(array::from_fn(
-                |lane| if part < counts[lane] { h.0[lane] } else { 0.0 },
-            ));
+            let h = Lanes(array::from_fn(|lane| if part < counts[lane] { h.0[lane] } else { 0.0 }));
             remaining = StepLength::new(c, h);
             &remaining
         };
@@ -56,11 +52,7 @@ pub(crate) fn fly_step<const N: usize>(
         // Eqs. (7) to (9). Runge-Kutta's stages of the integral are those of the angle turned, which are at
         // hand anyway; what does not depend on the state at a stage is added up beforehand.
         let integral = state.integral;
-        let integrals = [
-            integral,
-            integral + rates[0] * h * 0.5,
-            integral + rates[1] * h * 0.5,
-        ];
+        let integrals = [integral, integral + rates[0] * h * 0.5, integral + rates[1] * h * 0.5];
         let integrals = [integrals[0], integrals[1], integrals[2], integral + rates[1] * h];
         let known: [Lanes<N>; 4] =
             array::from_fn(|i| rates[i.div_ceil(2)] * c.proportional + integrals[i] * c.integral);
@@ -90,11 +82,7 @@ fn admitted(c: &Coefficients, share: f64, rate_errors: [f64; 2], before: f64, af
     let sign = if after > before { 1.0 } else { -1.0 };
     let [begin, end] = rate_errors.map(|error| c.integral_limit(share, error, sign) - sign * before);
     let apart = begin.abs() + end.abs();
-    let free = if apart > 0.0 {
-        (begin.max(0.0) + end.max(0.0)) / apart
-    } else {
-        0.0
-    };
+    let free = if apart > 0.0 { (begin.max(0.0) + end.max(0.0)) / apart } else { 0.0 };
     let growth = (sign * (after - before) * free).min(begin.max(end).max(0.0));
     before + sign * growth
 }

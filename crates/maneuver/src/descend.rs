@@ -61,11 +61,7 @@ pub(crate) fn descend(
 ) -> Result<Descent, PrimitiveError> {
     let parameters = bounds.clamp(start);
     let here = problem.evaluate(&parameters, goal.grid)?;
-    let mut at = Descent {
-        parameters,
-        here,
-        limits: Limits::NONE,
-    };
+    let mut at = Descent { parameters, here, limits: Limits::NONE };
     let mut damping = 1e-3;
     for _ in 0..ITERATIONS_MAX {
         if at.norm() < goal.tolerance {
@@ -118,10 +114,7 @@ fn damped_step(
             downhill[index] = 0.0;
         }
     }
-    matrix
-        .lu()
-        .solve(&downhill)
-        .filter(|step| step.iter().all(|component| component.is_finite()))
+    matrix.lu().solve(&downhill).filter(|step| step.iter().all(|component| component.is_finite()))
 }
 
 /// The same direction, no component longer than its limit.
@@ -166,11 +159,7 @@ impl QuasiNewton {
     ) -> Option<Descent> {
         for _ in 0..POLISH_STEPS_MAX {
             if here.error.norm() < tolerance {
-                return Some(Descent {
-                    parameters,
-                    here,
-                    limits: Limits::NONE,
-                });
+                return Some(Descent { parameters, here, limits: Limits::NONE });
             }
             let step = -(self.inverse * vector(&here));
             let moved = step.component_mul(&scales());

@@ -185,10 +185,7 @@ impl<const N: usize> State<N> {
     where
         C: Fn(usize, Lanes<N>, Lanes<N>) -> [Lanes<N>; 2],
     {
-        let stage1 = Stage {
-            rate: self.rate,
-            thrusts: [self.thrust_a, self.thrust_b],
-        };
+        let stage1 = Stage { rate: self.rate, thrusts: [self.thrust_a, self.thrust_b] };
         let slope1 = stage1.slope(command(0, stage1.rate, Lanes::ZERO));
         let stage2 = stage1.after(&slope1, &step.half);
         let angle2 = stage1.rate * step.half.h;
@@ -220,12 +217,7 @@ impl<const N: usize> State<N> {
         let (ax23, az23) = push(stage2.sum() + stage3.sum(), middle);
         let (ax4, az4) = push(stage4.sum(), last);
 
-        let StepLength {
-            whole: Length { h, .. },
-            sixth: Length { h: sixth, .. },
-            fall,
-            ..
-        } = *step;
+        let StepLength { whole: Length { h, .. }, sixth: Length { h: sixth, .. }, fall, .. } = *step;
         // The four velocities of the stages, summed: 6 v + h (a1 + a2 + a3). Gravity is constant and done
         // exactly.
         let (ax123, az123) = (ax1 + ax23, az1 + az23);
@@ -235,10 +227,7 @@ impl<const N: usize> State<N> {
         self.vz = self.vz + (az123 + az23 + az4) * sixth - fall;
         (self.sine, self.cosine) = end;
         self.theta = self.theta + turn;
-        let Stage {
-            rate,
-            thrusts: [thrust_a, thrust_b],
-        } = stage1.after(&mean, &step.sixth);
+        let Stage { rate, thrusts: [thrust_a, thrust_b] } = stage1.after(&mean, &step.sixth);
         (self.rate, self.thrust_a, self.thrust_b) = (rate, thrust_a, thrust_b);
         turn
     }
@@ -253,10 +242,7 @@ impl<const N: usize> State<N> {
         let sine = turn * add(square * add(square * sine, -1.0 / 6.0), 1.0);
         let cosine = add(square * (-1.0 / 720.0), 1.0 / 24.0);
         let cosine = add(square * add(square * cosine, -0.5), 1.0);
-        (
-            self.sine * cosine + self.cosine * sine,
-            self.cosine * cosine - self.sine * sine,
-        )
+        (self.sine * cosine + self.cosine * sine, self.cosine * cosine - self.sine * sine)
     }
 }
 
@@ -347,10 +333,7 @@ impl<const N: usize> Stage<N> {
                 + slope.missing[rotor] * length.gain_down
                 + slope.rising[rotor] * length.gain_up_more
         };
-        Self {
-            rate: self.rate + slope.difference * length.torque,
-            thrusts: [lagged(0), lagged(1)],
-        }
+        Self { rate: self.rate + slope.difference * length.torque, thrusts: [lagged(0), lagged(1)] }
     }
 
     #[inline(always)]

@@ -45,10 +45,7 @@ impl Envelope {
             return Err(EnvelopeError::Margin { margin });
         }
         let kept_back_m_s2 = margin * (model.collective_m_s2_max() - model.collective_m_s2_min());
-        Self::new(
-            model.collective_m_s2_min() + kept_back_m_s2,
-            model.collective_m_s2_max() - kept_back_m_s2,
-        )
+        Self::new(model.collective_m_s2_min() + kept_back_m_s2, model.collective_m_s2_max() - kept_back_m_s2)
     }
 
     /// An envelope with these bounds.
@@ -107,10 +104,7 @@ mod tests {
             ));
         }
         for (low, high) in [(2.0, 2.0), (-1.0, 2.0), (f64::NAN, 2.0), (1.0, f64::INFINITY)] {
-            assert!(matches!(
-                Envelope::new(low, high),
-                Err(EnvelopeError::Bounds { .. })
-            ));
+            assert!(matches!(Envelope::new(low, high), Err(EnvelopeError::Bounds { .. })));
         }
     }
 }

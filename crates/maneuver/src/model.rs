@@ -102,11 +102,7 @@ impl Model {
         if self.thrust_n_min >= 0.0 && self.thrust_n_min < hover_n && hover_n < self.thrust_n_max {
             Ok(())
         } else {
-            Err(ModelError::ThrustRange {
-                min_n: self.thrust_n_min,
-                max_n: self.thrust_n_max,
-                hover_n,
-            })
+            Err(ModelError::ThrustRange { min_n: self.thrust_n_min, max_n: self.thrust_n_max, hover_n })
         }
     }
 
@@ -149,34 +145,13 @@ mod tests {
 
     #[test]
     fn the_field_at_fault_is_named() {
-        let weightless = Model {
-            mass_kg: 0.0,
-            ..Model::TABLE_I
-        };
-        assert_eq!(
-            weightless.check(),
-            Err(ModelError::NotPositive {
-                field: "mass_kg",
-                value: 0.0
-            })
-        );
-        let unknown = Model {
-            arm_m: f64::NAN,
-            ..Model::TABLE_I
-        };
-        assert!(matches!(
-            unknown.check(),
-            Err(ModelError::NotPositive { field: "arm_m", .. })
-        ));
-        let weak = Model {
-            thrust_n_max: 1.0,
-            ..Model::TABLE_I
-        };
+        let weightless = Model { mass_kg: 0.0, ..Model::TABLE_I };
+        assert_eq!(weightless.check(), Err(ModelError::NotPositive { field: "mass_kg", value: 0.0 }));
+        let unknown = Model { arm_m: f64::NAN, ..Model::TABLE_I };
+        assert!(matches!(unknown.check(), Err(ModelError::NotPositive { field: "arm_m", .. })));
+        let weak = Model { thrust_n_max: 1.0, ..Model::TABLE_I };
         assert!(matches!(weak.check(), Err(ModelError::ThrustRange { .. })));
-        let sucking = Model {
-            thrust_n_min: f64::NAN,
-            ..Model::TABLE_I
-        };
+        let sucking = Model { thrust_n_min: f64::NAN, ..Model::TABLE_I };
         assert!(matches!(sucking.check(), Err(ModelError::ThrustRange { .. })));
     }
 }

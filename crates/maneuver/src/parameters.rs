@@ -50,13 +50,7 @@ impl Parameters {
     /// From the order U1, T1, T3, U5, T5.
     #[must_use]
     pub const fn from_array([u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s]: [f64; 5]) -> Self {
-        Self {
-            u1_m_s2,
-            t1_s,
-            t3_s,
-            u5_m_s2,
-            t5_s,
-        }
+        Self { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s }
     }
 }
 
@@ -97,34 +91,20 @@ impl FinalError {
     /// From the order x, z, vx, vz, theta.
     #[must_use]
     pub const fn from_array([x_m, z_m, vx_m_s, vz_m_s, theta_rad]: [f64; 5]) -> Self {
-        Self {
-            x_m,
-            z_m,
-            vx_m_s,
-            vz_m_s,
-            theta_rad,
-        }
+        Self { x_m, z_m, vx_m_s, vz_m_s, theta_rad }
     }
 
     /// The plain 2-norm, mixing m, m/s and rad one to one.
     #[must_use]
     pub fn norm(&self) -> f64 {
-        math::sqrt(
-            self.to_array()
-                .iter()
-                .map(|component| component * component)
-                .sum(),
-        )
+        math::sqrt(self.to_array().iter().map(|component| component * component).sum())
     }
 
     /// The same with theta brought into (-π, π]. For errors of a real vehicle, whose attitude does not count
     /// turns; never for the solver, which must not mistake a double flip for a triple.
     #[must_use]
     pub fn wrapped(self) -> Self {
-        Self {
-            theta_rad: math::wrap_pi(self.theta_rad),
-            ..self
-        }
+        Self { theta_rad: math::wrap_pi(self.theta_rad), ..self }
     }
 }
 
@@ -155,12 +135,7 @@ mod tests {
 
     #[test]
     fn only_wrapping_forgets_whole_turns() {
-        let error = FinalError {
-            x_m: 3.0,
-            vz_m_s: 4.0,
-            theta_rad: -TAU,
-            ..FinalError::default()
-        };
+        let error = FinalError { x_m: 3.0, vz_m_s: 4.0, theta_rad: -TAU, ..FinalError::default() };
         assert!((error.norm() - math::sqrt(25.0 + TAU * TAU)).abs() < 1e-12);
         assert!((error.wrapped().norm() - 5.0).abs() < 1e-12);
     }

@@ -86,9 +86,7 @@ pub fn apex_m(
     discretisation: Discretisation,
 ) -> Result<f64, FlipError> {
     let mut apex_m: f64 = 0.0;
-    trajectory(model, design, parameters, discretisation, |_, state| {
-        apex_m = apex_m.max(state.z_m)
-    })?;
+    trajectory(model, design, parameters, discretisation, |_, state| apex_m = apex_m.max(state.z_m))?;
     Ok(apex_m)
 }
 
@@ -134,14 +132,7 @@ impl Flight {
     fn fly_continuous(&self, state: &mut State<1>, steps_hz: f64, mut observe: impl FnMut(f64, &State<1>)) {
         let primitives = [self.primitive];
         for index in 0..5 {
-            continuous::fly_step(
-                &self.coefficients,
-                state,
-                &primitives,
-                index,
-                steps_hz,
-                &mut observe,
-            );
+            continuous::fly_step(&self.coefficients, state, &primitives, index, steps_hz, &mut observe);
         }
     }
 

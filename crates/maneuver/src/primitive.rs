@@ -59,10 +59,7 @@ pub enum PrimitiveError {
         collective_m_s2: f64,
     },
     /// The whole would last longer than [`Primitive::DURATION_S_MAX`].
-    #[error(
-        "primitive: would last {duration_s} s, at most {} s are allowed",
-        Primitive::DURATION_S_MAX
-    )]
+    #[error("primitive: would last {duration_s} s, at most {} s are allowed", Primitive::DURATION_S_MAX)]
     TooLong {
         /// Sum of the five durations, s.
         duration_s: f64,
@@ -102,23 +99,12 @@ impl Primitive {
         if design.flips == 0 {
             return Err(PrimitiveError::NoFlips);
         }
-        let Parameters {
-            u1_m_s2,
-            t1_s,
-            t3_s,
-            u5_m_s2,
-            t5_s,
-        } = *parameters;
+        let Parameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s } = *parameters;
         let rate_rad_s = design.rate_rad_s_max;
         positive("rate_rad_s_max", rate_rad_s)?;
         positive("alpha_l_m", alpha_l_m)?;
-        for (quantity, value) in [
-            ("U1", u1_m_s2),
-            ("T1", t1_s),
-            ("T3", t3_s),
-            ("U5", u5_m_s2),
-            ("T5", t5_s),
-        ] {
+        for (quantity, value) in [("U1", u1_m_s2), ("T1", t1_s), ("T3", t3_s), ("U5", u5_m_s2), ("T5", t5_s)]
+        {
             finite(quantity, value)?;
         }
         let envelope = &design.envelope;
@@ -150,17 +136,11 @@ impl Primitive {
             finite("a duration", step.duration_s)?;
             finite("an angular acceleration", step.angular_acceleration_rad_s2)?;
             if step.duration_s < 0.0 {
-                return Err(PrimitiveError::NegativeDuration {
-                    step: number,
-                    duration_s: step.duration_s,
-                });
+                return Err(PrimitiveError::NegativeDuration { step: number, duration_s: step.duration_s });
             }
             if step.collective_m_s2 < 0.0 {
                 let collective_m_s2 = step.collective_m_s2;
-                return Err(PrimitiveError::NegativeCollective {
-                    step: number,
-                    collective_m_s2,
-                });
+                return Err(PrimitiveError::NegativeCollective { step: number, collective_m_s2 });
             }
             starts_s[index] = time_s;
             start_rates_rad_s[index] = rate_rad_s;
@@ -171,12 +151,7 @@ impl Primitive {
             return Err(PrimitiveError::TooLong { duration_s: time_s });
         }
         finite("a rate", rate_rad_s)?;
-        Ok(Self {
-            steps,
-            starts_s,
-            start_rates_rad_s,
-            duration_s: time_s,
-        })
+        Ok(Self { steps, starts_s, start_rates_rad_s, duration_s: time_s })
     }
 
     /// The five steps in order.
@@ -242,18 +217,10 @@ impl Primitive {
 }
 
 fn finite(quantity: &'static str, value: f64) -> Result<(), PrimitiveError> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        Err(PrimitiveError::NotFinite { quantity, value })
-    }
+    if value.is_finite() { Ok(()) } else { Err(PrimitiveError::NotFinite { quantity, value }) }
 }
 
 fn positive(quantity: &'static str, value: f64) -> Result<(), PrimitiveError> {
     finite(quantity, value)?;
-    if value > 0.0 {
-        Ok(())
-    } else {
-        Err(PrimitiveError::NotPositive { quantity, value })
-    }
+    if value > 0.0 { Ok(()) } else { Err(PrimitiveError::NotPositive { quantity, value }) }
 }

@@ -79,22 +79,11 @@ impl<'a> Problem<'a> {
                 let mut state = State::hovering(&self.coefficients);
                 let (coast_begins, stop_begins) = (state, state);
                 let mut apex_m: f64 = 0.0;
-                ticks::fly(
-                    &self.coefficients,
-                    &mut state,
-                    &primitive,
-                    Collective::Averaged,
-                    |_, state| {
-                        apex_m = apex_m.max(state.z.0[0]);
-                    },
-                );
+                ticks::fly(&self.coefficients, &mut state, &primitive, Collective::Averaged, |_, state| {
+                    apex_m = apex_m.max(state.z.0[0]);
+                });
                 let error = error_of(&state, 0, self.design.turn_rad());
-                Ok(Evaluation {
-                    error,
-                    apex_m,
-                    coast_begins,
-                    stop_begins,
-                })
+                Ok(Evaluation { error, apex_m, coast_begins, stop_begins })
             }
         }
     }
@@ -108,10 +97,7 @@ impl<'a> Problem<'a> {
         grid: Grid,
     ) -> Result<(Evaluation, FinalError), PrimitiveError> {
         match grid {
-            Grid::Ticks => Ok((
-                self.evaluate(parameters, grid)?,
-                self.evaluate(beside, grid)?.error,
-            )),
+            Grid::Ticks => Ok((self.evaluate(parameters, grid)?, self.evaluate(beside, grid)?.error)),
             Grid::Steps(steps_hz) => {
                 let pair = [self.primitive(parameters)?, self.primitive(beside)?];
                 let (here, [_, error]) = self.fly(&pair, steps_hz);
@@ -131,28 +117,13 @@ impl<'a> Problem<'a> {
         let mut apex_m: f64 = 0.0;
         for (index, begin) in begins.iter_mut().enumerate() {
             *begin = state.only_first();
-            continuous::fly_step(
-                &self.coefficients,
-                &mut state,
-                primitives,
-                index,
-                steps_hz,
-                |_, state| {
-                    apex_m = apex_m.max(state.z.0[0]);
-                },
-            );
+            continuous::fly_step(&self.coefficients, &mut state, primitives, index, steps_hz, |_, state| {
+                apex_m = apex_m.max(state.z.0[0]);
+            });
         }
         let errors = array::from_fn(|lane| error_of(&state, lane, self.design.turn_rad()));
         let [_, _, coast_begins, stop_begins, _] = begins;
-        (
-            Evaluation {
-                error: errors[0],
-                apex_m,
-                coast_begins,
-                stop_begins,
-            },
-            errors,
-        )
+        (Evaluation { error: errors[0], apex_m, coast_begins, stop_begins }, errors)
     }
 
     /// J at these parameters, whose evaluation on the same grid is `here`: rows x, z, vx, vz, theta, columns
@@ -166,20 +137,12 @@ impl<'a> Problem<'a> {
     ) -> Result<[[f64; 5]; 5], PrimitiveError> {
         let mut jacobian = [[0.0; 5]; 5];
         for column in 0..5 {
-            let width = width
-                * if column == 0 || column == 3 {
-                    DIFFERENCE_M_S2
-                } else {
-                    DIFFERENCE_S
-                };
+            let width = width * if column == 0 || column == 3 { DIFFERENCE_M_S2 } else { DIFFERENCE_S };
             let (mut above, mut below) = (*parameters, *parameters);
             above[column] += width;
             below[column] -= width;
             let [above, below] = match grid {
-                Grid::Ticks => [
-                    self.evaluate(&above, grid)?.error,
-                    self.evaluate(&below, grid)?.error,
-                ],
+                Grid::Ticks => [self.evaluate(&above, grid)?.error, self.evaluate(&below, grid)?.error],
                 Grid::Steps(steps_hz) => {
                     let pair = [self.primitive(&above)?, self.primitive(&below)?];
                     let (first, state) = match column {

@@ -13,12 +13,7 @@ use crate::primitive::{Primitive, PrimitiveError};
 use crate::problem::{Evaluation, Grid, Problem};
 
 /// The way down from the rough guess, on a grid that errs by a few hundredths at most and costs a thirtieth.
-const ROUGH: Goal = Goal {
-    grid: Grid::Steps(400.0),
-    tolerance: 1e-3,
-    stall: 2e-4,
-    width: 1.0,
-};
+const ROUGH: Goal = Goal { grid: Grid::Steps(400.0), tolerance: 1e-3, stall: 2e-4, width: 1.0 };
 
 /// Grid of the Jacobian the last steps start with.
 const FINE_GRID: Grid = Grid::Steps(1_600.0);
@@ -112,13 +107,7 @@ pub fn rough_guess(model: &Model, design: &FlipDesign) -> Result<Parameters, Fli
     let rotate_s = design.rate_rad_s_max * 2.0 * model.alpha_l_m() / envelope.span_m_s2();
     let coast_s = design.turn_rad() / design.rate_rad_s_max - rotate_s;
     let push_s = GRAVITY_M_S2 * (rotate_s + coast_s + rotate_s) / (2.0 * u_m_s2);
-    Ok(Parameters {
-        u1_m_s2: u_m_s2,
-        t1_s: push_s,
-        t3_s: coast_s,
-        u5_m_s2: u_m_s2,
-        t5_s: push_s,
-    })
+    Ok(Parameters { u1_m_s2: u_m_s2, t1_s: push_s, t3_s: coast_s, u5_m_s2: u_m_s2, t5_s: push_s })
 }
 
 /// P0 and J of a design: the parameters inside the reduced envelope whose final error vanishes on the model.
@@ -143,11 +132,7 @@ pub fn solve(
     let rough_guess = rough_guess(model, design)?;
     let start = bounds.clamp(rough_guess.to_array());
     let flyable = rough_guess.to_array();
-    let flyable = if problem.possible(&flyable) {
-        flyable
-    } else {
-        start
-    };
+    let flyable = if problem.possible(&flyable) { flyable } else { start };
     let straight = descend(&problem, &bounds, turned_right(&problem, &bounds, start)?, ROUGH)?;
     let near = approach(&problem, &straight)?;
     let nearest = near.as_ref().map_or(straight.parameters, |near| near.parameters);
@@ -233,15 +218,7 @@ impl Near {
         // they are in: where the first are stuck at a kink the second get through.
         let mut parameters = self.parameters;
         for width in [1.0, 0.01] {
-            let descent = descend(
-                problem,
-                bounds,
-                parameters,
-                Goal {
-                    width,
-                    ..precise(grid)
-                },
-            )?;
+            let descent = descend(problem, bounds, parameters, Goal { width, ..precise(grid) })?;
             if descent.norm() < SOLVED {
                 return Ok(Some(descent));
             }
@@ -274,11 +251,7 @@ fn search(
         }
     }
     let mut least = descend(problem, bounds, straight.parameters, precise(grid))?;
-    for rough in best
-        .into_iter()
-        .flatten()
-        .filter(|rough| rough.parameters != straight.parameters)
-    {
+    for rough in best.into_iter().flatten().filter(|rough| rough.parameters != straight.parameters) {
         let end = descend(problem, bounds, rough.parameters, precise(grid))?;
         if end.norm() < least.norm() {
             least = end;
@@ -296,23 +269,14 @@ fn search(
 
 /// To a solution, or to the least residual there is.
 fn precise(grid: Grid) -> Goal {
-    Goal {
-        grid,
-        tolerance: SOLVED,
-        stall: 1e-6,
-        width: 1.0,
-    }
+    Goal { grid, tolerance: SOLVED, stall: 1e-6, width: 1.0 }
 }
 
 /// Puts a descent among the best, sorted by norm, and drops what falls off the end. False if it is not among
 /// them, or ended where another did.
 fn insert(best: &mut [Option<Descent>; FOLLOWED], mut descent: Descent) -> bool {
     let same = |kept: &Descent| {
-        let apart = kept
-            .parameters
-            .iter()
-            .zip(descent.parameters)
-            .map(|(a, b)| (a - b).abs());
+        let apart = kept.parameters.iter().zip(descent.parameters).map(|(a, b)| (a - b).abs());
         apart.fold(0.0, f64::max) < 0.02
     };
     if best.iter().flatten().any(same) {

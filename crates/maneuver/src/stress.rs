@@ -22,13 +22,7 @@ pub struct Deviation {
 
 impl Deviation {
     /// The vehicle is the model.
-    pub const NONE: Self = Self {
-        thrust: 1.0,
-        mass: 1.0,
-        inertia: 1.0,
-        rotor_gain: 1.0,
-        gyro: 1.0,
-    };
+    pub const NONE: Self = Self { thrust: 1.0, mass: 1.0, inertia: 1.0, rotor_gain: 1.0, gyro: 1.0 };
 
     /// Refuses ratios that are not finite and above zero.
     pub(crate) fn check(&self) -> Result<(), FlipError> {
@@ -154,18 +148,9 @@ pub fn stress(
         Deviation { mass: low, ..none },
         Deviation { mass: high, ..none },
         Deviation { inertia: low, ..none },
-        Deviation {
-            inertia: high,
-            ..none
-        },
-        Deviation {
-            rotor_gain: low,
-            ..none
-        },
-        Deviation {
-            rotor_gain: high,
-            ..none
-        },
+        Deviation { inertia: high, ..none },
+        Deviation { rotor_gain: low, ..none },
+        Deviation { rotor_gain: high, ..none },
     ];
     let mut cases = [nominal; 9];
     for (case, deviation) in cases[1..].iter_mut().zip(&deviations) {

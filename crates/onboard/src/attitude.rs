@@ -1,27 +1,51 @@
 //! What the vehicle knows of its own attitude and height, for the time when nobody tells it.
 //!
 //! Gyros and accelerometer carry both forward; the ground's hints in each command frame correct them. The
-//! heading is not needed and not kept right. The accelerometer's vertical error is learned from the hints, so
-//! that ten seconds of descent without them end at about the speed they began with.
+//! heading is not needed and not kept right. The errors of gyros and accelerometer are learned from the hints,
+//! so that ten seconds of descent without them stay level and end at about the speed they began with. While
+//! hints are missing, the drag felt keeps the tilt from running away ([`crate::drift`]).
 
 use device::vehicle_link::CommandFrame;
 use quantity::{Body, GRAVITY_M_S2, Rotation, Vector, World, math};
 
+use crate::drift::Drift;
 use crate::settings::AttitudeSettings;
 
-/// Change of the learned vertical acceleration error per error of vertical speed and second.
-const BIAS_GAIN_1_S2: f64 = 6.0;
+/// The learned vertical error of the accelerometer stays below this: one off by more is broken.
+const BIAS_M_S2_MAX: f64 = 0.5;
 
-/// The learned error stays below this: an accelerometer off by more is broken.
-const BIAS_M_S2_MAX: f64 = 1.0;
+/// Times over which the accelerometer's vertical error is learned, at first and later,
+const BIAS_TIME_S: [f64; 2] = [2.0, 10.0];
+/// and how long after a maneuver, with its great forces and its tilt not yet sure, it is not.
+const BIAS_WAITS_S: f64 = 1.0;
+
+/// A vertical speed further off than this is no sensor's slow error.
+const BIAS_SPEED_ERROR_M_S_MAX: f64 = 0.3;
+
+/// The learned error of a gyro stays below this: one off by more is broken.
+const GYRO_BIAS_RAD_S_MAX: f64 = 0.1;
+
+/// Times over which the gyros' error is learned. A maneuver moves it, so that it is learned quickly after one.
+const GYRO_BIAS_TIME_S: [f64; 2] = [0.6, 4.0];
+
+/// Above this rate an error of scale would be taken for one of zero.
+const GYRO_BIAS_RATE_RAD_S_MAX: f64 = 0.5;
+
+/// A tilt further off than this is no gyro's slow error.
+const GYRO_BIAS_TURN_RAD_MAX: f64 = 0.05;
 
 /// Height or speed further from its hint than this is taken whole: the estimate was left alone for too long.
-const VERTICAL_SNAP: Vertical = Vertical {
-    height_m: 1.0,
-    speed_m_s: 2.0,
-};
+const VERTICAL_SNAP: Vertical = Vertical { height_m: 1.0, speed_m_s: 2.0 };
 
-/// Time between two hints, for which the gain above is meant.
+/// After a maneuver the estimate is sure once hints have come for this long.
+const SURE_S: f64 = 0.3;
+/// And the gyros' error is well known after this long.
+const SETTLED_S: f64 = 5.0;
+/// How much faster the drag felt is followed while the tilt is unsure, and once all is known.
+const UNSURE_HURRY_RATIO: f64 = 2.0;
+const SETTLED_HURRY_RATIO: f64 = 0.6;
+
+/// Time between two hints.
 const HINT_INTERVAL_S: f64 = 0.02;
 
 /// Height and vertical speed.
@@ -46,15 +70,54 @@ pub(crate) struct OwnState {
     attitude: Option<Rotation<Body, World>>,
     vertical: Option<Vertical>,
     acceleration_bias_m_s2: f64,
+    /// Time the accelerometer's error rests on.
+    bias_learned_s: f64,
+    /// About roll and pitch.
+    gyro_bias_rad_s: Vector<Body>,
+    drift: Drift,
+    /// For how long hints have come, since the beginning or the last maneuver.
+    hinted_s: f64,
+}
+
+/// In what way the vehicle moves through a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Going {
+    /// Motors off, or a maneuver: no more than gyros and accelerometers can be made use of.
+    Otherwise,
+    /// In the air, under the ground's commands.
+    Led,
+    /// In the air, left alone.
+    Alone,
 }
 
 impl OwnState {
     /// Carries the estimate over `dt_s` with what the sensors read.
-    pub fn predict(&mut self, rate_rad_s: Vector<Body>, acceleration_m_s2: Vector<Body>, dt_s: f64) {
+    pub fn predict(
+        &mut self,
+        rate_rad_s: Vector<Body>,
+        acceleration_m_s2: Vector<Body>,
+        dt_s: f64,
+        going: Going,
+        settings: &AttitudeSettings,
+    ) {
+        let hurry_ratio = self.hurry_ratio();
         let Some(attitude) = &mut self.attitude else {
             return;
         };
-        *attitude = attitude.turned(rate_rad_s * dt_s);
+        *attitude = attitude.turned((rate_rad_s - self.gyro_bias_rad_s) * dt_s);
+        if going == Going::Otherwise {
+            self.drift.reset();
+        } else {
+            let turn = self.drift.predict(*attitude, acceleration_m_s2, dt_s, hurry_ratio, &settings.drift);
+            if going == Going::Alone {
+                let turn = attitude.inverse() * turn;
+                *attitude = attitude.turned(turn * dt_s);
+                let across = Vector::new(turn.x, turn.y, 0.0) * (settings.drift.gyro_bias_1_s * dt_s);
+                self.gyro_bias_rad_s = (self.gyro_bias_rad_s - across).limited(GYRO_BIAS_RAD_S_MAX);
+            } else {
+                self.drift.learn_bias(acceleration_m_s2, dt_s, &settings.drift);
+            }
+        }
         if let Some(vertical) = &mut self.vertical {
             let up = (*attitude * acceleration_m_s2).z - GRAVITY_M_S2 - self.acceleration_bias_m_s2;
             vertical.height_m += (vertical.speed_m_s + 0.5 * up * dt_s) * dt_s;
@@ -62,45 +125,81 @@ impl OwnState {
         }
     }
 
+    /// A maneuver is over: whatever the sensors made of it, the next hints are taken whole.
+    pub fn maneuver_ended(&mut self) {
+        self.hinted_s = 0.0;
+    }
+
     /// Takes the hints of an accepted frame.
     pub fn correct(&mut self, frame: &CommandFrame, rate_rad_s: Vector<Body>, settings: &AttitudeSettings) {
         if !frame.hints_valid || rate_rad_s.norm() > settings.hint_rate_rad_s_max {
             return;
         }
-        self.correct_attitude(frame, settings);
-        let told = Vertical {
-            height_m: frame.height_m,
-            speed_m_s: frame.vertical_speed_m_s,
-        };
+        let first = self.hinted_s <= 0.0;
+        self.hinted_s += HINT_INTERVAL_S;
+        self.correct_attitude(frame, rate_rad_s, first, settings);
+        let told = Vertical { height_m: frame.height_m, speed_m_s: frame.vertical_speed_m_s };
         match &mut self.vertical {
-            Some(own) if own.is_near(told) => {
+            Some(own) if own.is_near(told) && !first => {
                 let speed_error = told.speed_m_s - own.speed_m_s;
                 own.height_m += settings.hint_weight_ratio * (told.height_m - own.height_m);
                 own.speed_m_s += settings.hint_weight_ratio * speed_error;
-                let bias = self.acceleration_bias_m_s2 - BIAS_GAIN_1_S2 * HINT_INTERVAL_S * speed_error;
-                self.acceleration_bias_m_s2 = bias.clamp(-BIAS_M_S2_MAX, BIAS_M_S2_MAX);
+                if speed_error.abs() < BIAS_SPEED_ERROR_M_S_MAX && self.hinted_s > BIAS_WAITS_S {
+                    self.bias_learned_s += HINT_INTERVAL_S;
+                    let [shortest_s, longest_s] = BIAS_TIME_S;
+                    let time_s = self.bias_learned_s.clamp(shortest_s, longest_s);
+                    let gain_1_s = settings.hint_weight_ratio / time_s;
+                    let bias = self.acceleration_bias_m_s2 - gain_1_s * speed_error;
+                    self.acceleration_bias_m_s2 = bias.clamp(-BIAS_M_S2_MAX, BIAS_M_S2_MAX);
+                }
             }
             _ => self.vertical = Some(told),
         }
     }
 
-    fn correct_attitude(&mut self, frame: &CommandFrame, settings: &AttitudeSettings) {
+    fn correct_attitude(
+        &mut self,
+        frame: &CommandFrame,
+        rate_rad_s: Vector<Body>,
+        first: bool,
+        settings: &AttitudeSettings,
+    ) {
         let told =
             |yaw_rad| Rotation::<Body, World>::from_yaw_pitch_roll(yaw_rad, frame.pitch_rad, frame.roll_rad);
-        self.attitude = Some(match self.attitude {
-            None => told(0.0),
-            Some(own) => {
-                // The shortest turn that brings the vehicle's idea of "up" to the ground's; it has no heading
-                // in it.
-                let (up_own, up_told) = (up_in_body(own), up_in_body(told(0.0)));
-                let turn = shortest_turn(up_told, up_own);
-                if turn.norm() > settings.hint_snap_rad {
-                    told(own.yaw_rad())
-                } else {
-                    own.turned(turn * settings.hint_weight_ratio)
-                }
-            }
-        });
+        let Some(own) = self.attitude else {
+            self.attitude = Some(told(0.0));
+            return;
+        };
+        // The shortest turn that brings the vehicle's idea of "up" to the ground's; it has no heading in it.
+        let (up_own, up_told) = (up_in_body(own), up_in_body(told(0.0)));
+        let turn = shortest_turn(up_told, up_own);
+        if first || turn.norm() > settings.hint_snap_rad {
+            self.attitude = Some(told(own.yaw_rad()));
+            return;
+        }
+        self.attitude = Some(own.turned(turn * settings.hint_weight_ratio));
+        if turn.norm() < GYRO_BIAS_TURN_RAD_MAX && rate_rad_s.norm() < GYRO_BIAS_RATE_RAD_S_MAX {
+            let [shortest_s, longest_s] = GYRO_BIAS_TIME_S;
+            let gain_1_s = settings.hint_weight_ratio / self.hinted_s.clamp(shortest_s, longest_s);
+            let across = Vector::new(turn.x, turn.y, 0.0);
+            self.gyro_bias_rad_s = (self.gyro_bias_rad_s - across * gain_1_s).limited(GYRO_BIAS_RAD_S_MAX);
+        }
+    }
+
+    /// Whether hints have come for long enough since the beginning, or since the last maneuver.
+    pub fn is_sure(&self) -> bool {
+        self.hinted_s > SURE_S
+    }
+
+    /// How fast the drag felt is followed: the less is known of the tilt, the faster.
+    fn hurry_ratio(&self) -> f64 {
+        if !self.is_sure() {
+            UNSURE_HURRY_RATIO
+        } else if self.hinted_s < SETTLED_S {
+            1.0
+        } else {
+            SETTLED_HURRY_RATIO
+        }
     }
 
     /// Height and vertical speed, once hinted at.
@@ -115,8 +214,7 @@ impl OwnState {
 
     /// Angle between the body's and the world's z axis.
     pub fn tilt_rad(&self) -> Option<f64> {
-        self.attitude
-            .map(|attitude| shortest_turn(Vector::Z, up_in_body(attitude)).norm())
+        self.attitude.map(|attitude| shortest_turn(Vector::Z, up_in_body(attitude)).norm())
     }
 
     /// Cosine of the tilt; one where it is not known.
@@ -124,12 +222,16 @@ impl OwnState {
         self.attitude.map_or(1.0, |attitude| up_in_body(attitude).z)
     }
 
-    /// The body rate that levels the vehicle; zero where its tilt is not known.
-    pub fn levelling_rate_rad_s(&self, settings: &AttitudeSettings) -> Vector<Body> {
-        let turn = self.attitude.map_or(Vector::ZERO, |attitude| {
-            shortest_turn(Vector::Z, up_in_body(attitude))
-        });
-        (turn * settings.level_gain_1_s).limited(settings.level_rate_rad_s_max)
+    /// The rate, as the gyros read it, that levels the vehicle or, tilted by at most `brake_rad_max`, brakes
+    /// the drift it feels; zero where its tilt is not known.
+    pub fn levelling_rate_rad_s(&self, settings: &AttitudeSettings, brake_rad_max: f64) -> Vector<Body> {
+        let Some(attitude) = self.attitude else {
+            return Vector::ZERO;
+        };
+        let thrust_tan = self.drift.velocity_m_s() * (-settings.drift.brake_1_s / GRAVITY_M_S2);
+        let wanted = Vector::<World>::Z + thrust_tan.horizontal().limited(brake_rad_max);
+        let turn = shortest_turn(Vector::Z, attitude.inverse() * (wanted / wanted.norm()));
+        (turn * settings.level_gain_1_s).limited(settings.level_rate_rad_s_max) + self.gyro_bias_rad_s
     }
 }
 
@@ -156,6 +258,8 @@ mod tests {
     use super::*;
     use crate::settings::{FirmwareSettings, LOOP_HZ};
 
+    const DT_S: f64 = 1.0 / LOOP_HZ;
+
     const SETTINGS: AttitudeSettings = FirmwareSettings::table_i(1).attitude;
 
     fn frame(roll_rad: f64, pitch_rad: f64, height_m: f64, vertical_speed_m_s: f64) -> CommandFrame {
@@ -178,28 +282,22 @@ mod tests {
     #[test]
     fn nothing_is_known_until_hinted_at() {
         let mut own = OwnState::default();
-        own.predict(Vector::new(1.0, 1.0, 1.0), Vector::ZERO, 1.0);
-        let unhinted = CommandFrame {
-            hints_valid: false,
-            ..frame(0.1, 0.1, 1.0, 0.0)
-        };
+        own.predict(Vector::new(1.0, 1.0, 1.0), Vector::ZERO, 1.0, Going::Alone, &SETTINGS);
+        let unhinted = CommandFrame { hints_valid: false, ..frame(0.1, 0.1, 1.0, 0.0) };
         own.correct(&unhinted, Vector::ZERO, &SETTINGS);
         assert!(!own.attitude_known() && own.vertical().is_none() && own.tilt_rad().is_none());
-        assert_eq!(own.levelling_rate_rad_s(&SETTINGS), Vector::ZERO);
+        assert_eq!(own.levelling_rate_rad_s(&SETTINGS, 0.0), Vector::ZERO);
         assert_eq!(own.upright_ratio(), 1.0);
     }
 
     #[test]
     fn levelling_turns_back_what_was_tilted() {
-        let rate = known(0.2, 0.0).levelling_rate_rad_s(&SETTINGS);
-        assert!((rate - Vector::new(-0.8, 0.0, 0.0)).norm() < 1e-9);
-        let rate = known(0.0, -0.1).levelling_rate_rad_s(&SETTINGS);
-        assert!((rate - Vector::new(0.0, 0.4, 0.0)).norm() < 1e-9);
-        let over = known(core::f64::consts::PI, 0.0).levelling_rate_rad_s(&SETTINGS);
-        assert!(
-            (over.norm() - SETTINGS.level_rate_rad_s_max).abs() < 1e-6,
-            "upside down turns at full rate"
-        );
+        let rate = known(0.2, 0.0).levelling_rate_rad_s(&SETTINGS, 0.0);
+        assert!((rate - Vector::new(-1.2, 0.0, 0.0)).norm() < 1e-9);
+        let rate = known(0.0, -0.1).levelling_rate_rad_s(&SETTINGS, 0.0);
+        assert!((rate - Vector::new(0.0, 0.6, 0.0)).norm() < 1e-9);
+        let over = known(core::f64::consts::PI, 0.0).levelling_rate_rad_s(&SETTINGS, 0.0);
+        assert!((over.norm() - SETTINGS.level_rate_rad_s_max).abs() < 1e-6, "upside down turns at full rate");
     }
 
     #[test]
@@ -207,7 +305,8 @@ mod tests {
         for (roll, pitch) in [(3.1, 0.1), (-2.0, 1.0), (0.5, -1.5), (0.0, 0.7)] {
             let mut own = known(roll, pitch);
             for _ in 0..3 * LOOP_HZ as u32 {
-                own.predict(own.levelling_rate_rad_s(&SETTINGS), Vector::ZERO, 1.0 / LOOP_HZ);
+                let rate = own.levelling_rate_rad_s(&SETTINGS, 0.0);
+                own.predict(rate, Vector::ZERO, DT_S, Going::Otherwise, &SETTINGS);
             }
             assert!(own.tilt_rad().unwrap() < 0.01);
         }
@@ -223,10 +322,7 @@ mod tests {
         assert_eq!(own.vertical().unwrap().height_m, 6.0);
         assert!((own.tilt_rad().unwrap() - 1.0).abs() < 1e-9);
         own.correct(&frame(0.0, 0.0, 4.0, 0.0), Vector::new(0.0, 30.0, 0.0), &SETTINGS);
-        assert!(
-            (own.tilt_rad().unwrap() - 1.0).abs() < 1e-9,
-            "turning too fast for a hint"
-        );
+        assert!((own.tilt_rad().unwrap() - 1.0).abs() < 1e-9, "turning too fast for a hint");
     }
 
     #[test]
@@ -234,13 +330,13 @@ mod tests {
         let mut own = known(0.0, 0.0);
         let biased = Vector::new(0.0, 0.0, GRAVITY_M_S2 + 0.2);
         for tick in 0..20 * LOOP_HZ as u32 {
-            own.predict(Vector::ZERO, biased, 1.0 / LOOP_HZ);
+            own.predict(Vector::ZERO, biased, DT_S, Going::Led, &SETTINGS);
             if tick % 16 == 0 {
                 own.correct(&frame(0.0, 0.0, 4.0, 0.0), Vector::ZERO, &SETTINGS);
             }
         }
         for _ in 0..5 * LOOP_HZ as u32 {
-            own.predict(Vector::ZERO, biased, 1.0 / LOOP_HZ);
+            own.predict(Vector::ZERO, biased, DT_S, Going::Led, &SETTINGS);
         }
         assert!(own.vertical().unwrap().speed_m_s.abs() < 0.05, "{own:?}");
     }

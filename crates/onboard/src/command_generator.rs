@@ -153,13 +153,7 @@ impl CommandGenerator {
     /// The order is not obeyed, now or ever.
     pub fn refuse(&mut self, now: Time, order: StartOrder, reason: Reason) {
         let phase = ManeuverPhase::Refused;
-        self.record = ManeuverRecord {
-            id: order.maneuver_id,
-            phase,
-            reason,
-            began: now,
-            ended: now,
-        };
+        self.record = ManeuverRecord { id: order.maneuver_id, phase, reason, began: now, ended: now };
     }
 
     /// The maneuver begins with this tick.
@@ -171,20 +165,14 @@ impl CommandGenerator {
             began: now,
             ended: Time::ZERO,
         };
-        self.running = Some(Running {
-            primitive,
-            off_axis_since: None,
-            fast_since: None,
-            astray_since: None,
-        });
+        self.running =
+            Some(Running { primitive, off_axis_since: None, fast_since: None, astray_since: None });
     }
 
     /// When the running maneuver is planned to end.
     pub fn planned_end(&self) -> Option<Time> {
         self.running.map(|running| {
-            self.record
-                .began
-                .saturating_add(Span::from_secs_f64(running.primitive.duration_s()))
+            self.record.began.saturating_add(Span::from_secs_f64(running.primitive.duration_s()))
         })
     }
 
@@ -249,11 +237,7 @@ impl Running {
         let off_axis = lasts(&mut self.off_axis_since, off_axis);
         let fast = lasts(&mut self.fast_since, fast);
         let astray = lasts(&mut self.astray_since, astray);
-        if off_axis || fast {
-            Some(Reason::RateExceeded)
-        } else {
-            astray.then_some(Reason::RateNotFollowed)
-        }
+        if off_axis || fast { Some(Reason::RateExceeded) } else { astray.then_some(Reason::RateNotFollowed) }
     }
 }
 
@@ -314,11 +298,7 @@ mod tests {
     }
 
     fn order(maneuver_id: u16) -> StartOrder {
-        StartOrder {
-            maneuver_id,
-            set_id: 1,
-            digest: 2,
-        }
+        StartOrder { maneuver_id, set_id: 1, digest: 2 }
     }
 
     #[test]
@@ -328,11 +308,7 @@ mod tests {
         assert_eq!(generator.take_order(), None);
         generator.order(order(65_535));
         generator.order(order(3));
-        assert_eq!(
-            generator.take_order(),
-            Some(order(65_535)),
-            "the first heard counts"
-        );
+        assert_eq!(generator.take_order(), Some(order(65_535)), "the first heard counts");
         generator.refuse(Time::ZERO, order(65_535), Reason::BatteryLow);
         for old in [65_535, 65_534, 40_000] {
             generator.order(order(old));
@@ -369,14 +345,8 @@ mod tests {
             now += TICK;
             ticks += 1;
         };
-        assert_eq!(
-            f64::from(ticks),
-            quantity::math::ceil(primitive.duration_s() * 800.0)
-        );
-        assert_eq!(
-            ended.as_nanos(),
-            Span::from_secs_f64(primitive.duration_s()).as_nanos()
-        );
+        assert_eq!(f64::from(ticks), quantity::math::ceil(primitive.duration_s() * 800.0));
+        assert_eq!(ended.as_nanos(), Span::from_secs_f64(primitive.duration_s()).as_nanos());
         assert_eq!(generator.record().phase, ManeuverPhase::Completed);
         assert_eq!(generator.step(now, Vector::ZERO, &settings), Step::Idle);
     }

@@ -75,10 +75,7 @@ impl Supervisor {
 
     /// Whether the motors turn.
     pub const fn motors_on(&self) -> bool {
-        !matches!(
-            self.mode,
-            FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped
-        )
+        !matches!(self.mode, FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped)
     }
 
     /// Whether a person must release the motors.
@@ -117,10 +114,7 @@ impl Supervisor {
     ) -> bool {
         if frame.mode == CommandMode::Stop {
             self.stop(true);
-        } else if self
-            .command
-            .is_some_and(|last| last.frame.counter == frame.counter)
-        {
+        } else if self.command.is_some_and(|last| last.frame.counter == frame.counter) {
             return false;
         }
         let in_a_row = self.command_fresh(now, settings);
@@ -196,11 +190,7 @@ impl Supervisor {
     /// The ground was touched: ends a descent.
     pub fn touched_down(&mut self) {
         if let Some(descent) = self.descent {
-            self.enter(if descent.unordered {
-                FlightMode::Landed
-            } else {
-                FlightMode::Disarmed
-            });
+            self.enter(if descent.unordered { FlightMode::Landed } else { FlightMode::Disarmed });
         }
     }
 
@@ -213,9 +203,7 @@ impl Supervisor {
             FlightMode::Landed | FlightMode::Stopped | FlightMode::Maneuver => return,
             FlightMode::Disarmed => {
                 // Whoever rested the stick is gone: the next must rest it again.
-                self.armable &= self
-                    .command_age(now)
-                    .is_some_and(|age| age <= settings.descend_after);
+                self.armable &= self.command_age(now).is_some_and(|age| age <= settings.descend_after);
                 return;
             }
             FlightMode::Flying | FlightMode::LevelHold | FlightMode::Descend => {}
@@ -227,11 +215,7 @@ impl Supervisor {
         let (wanted, unordered) = self.wanted(now, own, settings);
         if wanted == FlightMode::Descend {
             let deadline = land_deadline(now, own, settings);
-            let descent = self.descent.get_or_insert(Descent {
-                deadline,
-                unordered,
-                resuming: 0,
-            });
+            let descent = self.descent.get_or_insert(Descent { deadline, unordered, resuming: 0 });
             descent.unordered |= unordered;
             if unordered {
                 descent.resuming = 0;
@@ -254,11 +238,7 @@ impl Supervisor {
             return (FlightMode::Descend, true);
         }
         if elapsed(command.at, now) > settings.level_after {
-            let mode = if self.descent.is_some() {
-                FlightMode::Descend
-            } else {
-                FlightMode::LevelHold
-            };
+            let mode = if self.descent.is_some() { FlightMode::Descend } else { FlightMode::LevelHold };
             return (mode, false);
         }
         let mode = match command.frame.mode {
@@ -274,8 +254,7 @@ impl Supervisor {
     }
 
     fn must_keep_descending(&self, settings: &FailsafeSettings) -> bool {
-        self.descent
-            .is_some_and(|descent| descent.unordered && descent.resuming < settings.resume_frames)
+        self.descent.is_some_and(|descent| descent.unordered && descent.resuming < settings.resume_frames)
     }
 
     fn enter(&mut self, mode: FlightMode) {
@@ -295,15 +274,16 @@ impl Supervisor {
 
 /// Cutting the motors drops the vehicle: above this height only an emergency stop may.
 fn is_high(own: &OwnState, settings: &FailsafeSettings) -> bool {
-    own.vertical()
-        .is_some_and(|vertical| vertical.height_m > settings.disarm_height_m_max)
+    own.vertical().is_some_and(|vertical| vertical.height_m > settings.disarm_height_m_max)
 }
 
 /// When a descent from here must be over.
 fn land_deadline(now: Time, own: &OwnState, settings: &FailsafeSettings) -> Time {
     let timer = own.vertical().map_or(settings.land_timer_max, |vertical| {
         let descent = Span::from_secs_f64(vertical.height_m.clamp(0.0, 1e3) / settings.descent_m_s);
-        (descent + settings.land_timer_margin).min(settings.land_timer_max)
+        // Without a hint since a maneuver the height is a guess, and too early a cut is a fall.
+        let margins = if own.is_sure() { 1 } else { 2 };
+        (descent + settings.land_timer_margin * margins).min(settings.land_timer_max)
     });
     now.saturating_add(timer)
 }
@@ -376,13 +356,10 @@ mod tests {
     fn known(height_m: f64, vertical_speed_m_s: f64) -> OwnState {
         let mut own = OwnState::default();
         let hints_valid = true;
-        let frame = CommandFrame {
-            hints_valid,
-            height_m,
-            vertical_speed_m_s,
-            ..CommandFrame::default()
-        };
-        own.correct(&frame, Vector::ZERO, &SETTINGS.attitude);
+        let frame = CommandFrame { hints_valid, height_m, vertical_speed_m_s, ..CommandFrame::default() };
+        for _ in 0..20 {
+            own.correct(&frame, Vector::ZERO, &SETTINGS.attitude);
+        }
         own
     }
 
@@ -398,33 +375,21 @@ mod tests {
 
         let mut feet = TouchdownDetector::default();
         assert!(feet.tick(at(0), 31.0, 8.0, &own, false));
-        assert!(
-            !feet.tick(at(0), 31.0, 30.0, &known(3.0, 0.0), false),
-            "up there it is the net"
-        );
+        assert!(!feet.tick(at(0), 31.0, 30.0, &known(3.0, 0.0), false), "up there it is the net");
         assert!(feet.tick(at(0), 31.0, 30.0, &OwnState::default(), false));
 
         let mut feet = TouchdownDetector::default();
         let standing = known(0.05, 0.0);
         assert!(!feet.tick(at(0), 9.0, 9.0, &standing, true));
         assert!(feet.tick(at(300), 9.0, 9.0, &standing, true));
-        assert!(
-            !feet.tick(at(301), 9.0, 9.0, &standing, false),
-            "dead reckoning is not sight"
-        );
+        assert!(!feet.tick(at(301), 9.0, 9.0, &standing, false), "dead reckoning is not sight");
     }
 
     #[test]
     fn the_land_timer_is_height_and_two_seconds_and_never_over_ten() {
         for (height_m, millis) in [(0.0, 2_000), (3.0, 5_000), (7.5, 9_500), (12.0, 10_000)] {
-            assert_eq!(
-                land_deadline(at(0), &known(height_m, 0.0), &SETTINGS.failsafe),
-                at(millis)
-            );
+            assert_eq!(land_deadline(at(0), &known(height_m, 0.0), &SETTINGS.failsafe), at(millis));
         }
-        assert_eq!(
-            land_deadline(at(0), &OwnState::default(), &SETTINGS.failsafe),
-            at(10_000)
-        );
+        assert_eq!(land_deadline(at(0), &OwnState::default(), &SETTINGS.failsafe), at(10_000));
     }
 }

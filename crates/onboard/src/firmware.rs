@@ -3,10 +3,11 @@
 use device::sbus;
 use device::vehicle_link::{CommandFrame, FlightMode, Reason, Status, StatusFlags, Uplink};
 use maneuver::Setpoint;
-use quantity::{Body, Span, Time, Vector};
+use quantity::{Body, GRAVITY_M_S2, Span, Time, Vector};
 
-use crate::attitude::OwnState;
+use crate::attitude::{Going, OwnState};
 use crate::command_generator::{CommandGenerator, StartOrder, Step, admit};
+use crate::drift::ThrustRatio;
 use crate::failsafe::{Supervisor, TouchdownDetector};
 use crate::gate::Moment;
 use crate::mixer::{YawShare, motor_commands, room_rad_s2, thrusts_n};
@@ -25,6 +26,22 @@ const UPRIGHT_RATIO_MIN: f64 = 0.7;
 const OVER_RATIO: f64 = 0.5;
 /// this share of hover, enough for the rate loops to right the vehicle.
 const OVER_THRUST_RATIO: f64 = 0.4;
+
+/// Above this height a vehicle under the ground's commands is in the air,
+const AIRBORNE_HEIGHT_M_MIN: f64 = 0.3;
+/// and above this one a vehicle left alone, whose idea of its height is less sure; below, it brakes gently.
+const LOW_HEIGHT_M_MAX: f64 = 1.0;
+
+/// A descent has its final speed below this height,
+const SLOW_HEIGHT_M_MAX: f64 = 1.2;
+/// or this one where a maneuver left the height unsure,
+const UNSURE_SLOW_HEIGHT_M_MAX: f64 = 2.2;
+/// and slows down to it by this much for each metre.
+const SLOWING_1_S: f64 = 0.8;
+/// A floor not met this far below where it was thought to be means that the vehicle sinks slower than it thinks,
+const OVERDUE_HEIGHT_M: f64 = 0.3;
+/// and it sinks faster by this much for each metre more.
+const HURRYING_1_S: f64 = 0.5;
 
 /// Least and greatest collective of a descent, by that of hover.
 const DESCENT_RATIO_MIN: f64 = 0.7;
@@ -69,6 +86,7 @@ pub struct Firmware {
     settings: FirmwareSettings,
     sensors: Sensors,
     own: OwnState,
+    thrust: ThrustRatio,
     supervisor: Supervisor,
     touchdown: TouchdownDetector,
     generator: CommandGenerator,
@@ -89,6 +107,7 @@ impl Firmware {
     pub fn new(settings: FirmwareSettings) -> Result<Self, SettingsError> {
         settings.check()?;
         Ok(Self {
+            thrust: ThrustRatio::new(&settings.airframe),
             settings,
             sensors: Sensors::default(),
             own: OwnState::default(),
@@ -114,17 +133,12 @@ impl Firmware {
 
     /// The tick up to the thrusts, `None` with motors off.
     pub(crate) fn commanded_thrusts_n(&mut self, now: Time, imu: &ImuSample) -> Option<[f64; 4]> {
-        let since = self.ticked.map_or(TICK, |ticked| {
-            elapsed(ticked, now).max(Span::ZERO).min(TICK_SPAN_MAX)
-        });
+        let since =
+            self.ticked.map_or(TICK, |ticked| elapsed(ticked, now).max(Span::ZERO).min(TICK_SPAN_MAX));
         self.ticked = Some(now);
         let mode_before = self.supervisor.mode();
         self.sensors.update(now, imu, mode_before == FlightMode::Maneuver);
-        self.own.predict(
-            self.sensors.rate_rad_s,
-            self.sensors.acceleration_m_s2,
-            since.as_secs_f64(),
-        );
+        self.feel_motion(now, since.as_secs_f64());
         self.check_gyros(now);
         self.judge_order(now);
         let setpoint = self.step_maneuver(now);
@@ -149,13 +163,38 @@ impl Firmware {
         thrusts
     }
 
+    /// Carries what the vehicle knows of itself through a tick.
+    fn feel_motion(&mut self, now: Time, dt_s: f64) {
+        let (rate_rad_s, acceleration_m_s2) = (self.sensors.rate_rad_s, self.sensors.acceleration_m_s2);
+        let height_m = self.own.vertical().map_or(0.0, |vertical| vertical.height_m);
+        let going = match self.supervisor.mode() {
+            FlightMode::Flying | FlightMode::LevelHold | FlightMode::Descend if self.hinted(now) => {
+                (height_m > AIRBORNE_HEIGHT_M_MIN).then_some(Going::Led)
+            }
+            FlightMode::Flying => (height_m > AIRBORNE_HEIGHT_M_MIN).then_some(Going::Alone),
+            FlightMode::LevelHold | FlightMode::Descend => Some(Going::Alone),
+            _ => None,
+        };
+        let going = going.unwrap_or(Going::Otherwise);
+        if going == Going::Led || going == Going::Alone && height_m > LOW_HEIGHT_M_MAX {
+            self.thrust.learn(acceleration_m_s2.z, self.collective_m_s2, dt_s);
+        }
+        self.own.predict(rate_rad_s, acceleration_m_s2, dt_s, going, &self.settings.attitude);
+    }
+
+    /// Whether the ground still tells the vehicle of itself.
+    fn hinted(&self, now: Time) -> bool {
+        self.supervisor.command_fresh(now, &self.settings.failsafe)
+            && self.supervisor.command().is_some_and(|received| received.frame.hints_valid)
+    }
+
     /// Nothing flies without gyros: a maneuver ends soon, and if they do not come back the motors stop.
     fn check_gyros(&mut self, now: Time) {
         let Some(lost_for) = self.sensors.gyro_lost_for(now) else {
             return;
         };
         if lost_for > GYRO_GAP_MAX && self.generator.abort(now, Reason::SensorFault) {
-            self.supervisor.maneuver_aborted(now, &self.settings.failsafe);
+            self.abort_maneuver(now);
         }
         if lost_for > self.settings.failsafe.gyro_loss_max && self.supervisor.motors_on() {
             self.supervisor.stop(false);
@@ -177,8 +216,7 @@ impl Firmware {
             Ok(primitive) => {
                 self.generator.begin(now, order, primitive);
                 let planned_end = self.generator.planned_end().unwrap_or(now);
-                self.supervisor
-                    .maneuver_began(planned_end, &self.settings.failsafe);
+                self.supervisor.maneuver_began(planned_end, &self.settings.failsafe);
             }
             Err(reason) => self.generator.refuse(now, order, reason),
         }
@@ -189,27 +227,27 @@ impl Firmware {
             Step::Idle => None,
             Step::Fly(setpoint) => Some(setpoint),
             Step::Completed => {
+                self.own.maneuver_ended();
                 self.supervisor.maneuver_completed();
                 None
             }
             Step::Aborted => {
-                self.supervisor.maneuver_aborted(now, &self.settings.failsafe);
+                self.abort_maneuver(now);
                 None
             }
         }
     }
 
+    fn abort_maneuver(&mut self, now: Time) {
+        self.own.maneuver_ended();
+        self.supervisor.maneuver_aborted(now, &self.settings.failsafe);
+    }
+
     fn feel_for_ground(&mut self, now: Time) {
-        let hinted = self.supervisor.command_fresh(now, &self.settings.failsafe)
-            && self
-                .supervisor
-                .command()
-                .is_some_and(|received| received.frame.hints_valid);
+        let hinted = self.hinted(now);
         let force_m_s2 = self.sensors.acceleration_m_s2.z;
-        if self
-            .touchdown
-            .tick(now, force_m_s2, self.collective_m_s2, &self.own, hinted)
-        {
+        let expected_m_s2 = self.collective_m_s2 * self.thrust.ratio();
+        if self.touchdown.tick(now, force_m_s2, expected_m_s2, &self.own, hinted) {
             self.supervisor.touched_down();
         }
     }
@@ -225,7 +263,6 @@ impl Firmware {
 
     /// What to fly in the present mode, `None` with motors off.
     fn flown(&self, setpoint: Option<Setpoint>) -> Option<Flown> {
-        let hover = self.settings.airframe.hover_collective_m_s2;
         match self.supervisor.mode() {
             FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped => None,
             FlightMode::Maneuver => setpoint.map(|setpoint| Flown {
@@ -236,34 +273,46 @@ impl Firmware {
                 collective_m_s2: received.frame.collective_m_s2,
                 rate_rad_s: received.frame.rate_rad_s,
             }),
-            FlightMode::LevelHold => Some(self.level(hover)),
-            FlightMode::Descend => Some(self.level(self.descent_collective_m_s2(hover))),
+            FlightMode::LevelHold => Some(self.level(GRAVITY_M_S2)),
+            FlightMode::Descend => Some(self.level(self.descent_force_m_s2())),
         }
     }
 
-    /// Level, with this collective along the vertical.
+    /// Level, or braking what it feels of its drift, with this force along the vertical.
     fn level(&self, vertical_m_s2: f64) -> Flown {
         let upright = self.own.upright_ratio();
-        let collective_m_s2 = if upright < OVER_RATIO {
+        let force_m_s2 = if upright < OVER_RATIO {
             vertical_m_s2 * OVER_THRUST_RATIO
         } else {
             vertical_m_s2 / upright.max(UPRIGHT_RATIO_MIN)
         };
+        let drift = &self.settings.attitude.drift;
+        let low = |height_m| height_m < LOW_HEIGHT_M_MAX;
+        let brake_rad_max = if self.supervisor.recovering() {
+            0.0
+        } else if self.own.vertical().is_some_and(|vertical| low(vertical.height_m)) {
+            drift.low_brake_rad_max
+        } else {
+            drift.brake_rad_max
+        };
         Flown {
-            collective_m_s2,
-            rate_rad_s: self.own.levelling_rate_rad_s(&self.settings.attitude),
+            collective_m_s2: force_m_s2 / self.thrust.ratio(),
+            rate_rad_s: self.own.levelling_rate_rad_s(&self.settings.attitude, brake_rad_max),
         }
     }
 
-    fn descent_collective_m_s2(&self, hover_m_s2: f64) -> f64 {
+    fn descent_force_m_s2(&self) -> f64 {
         let failsafe = &self.settings.failsafe;
-        self.own
-            .vertical()
-            .map_or(hover_m_s2 * failsafe.blind_descent_ratio, |vertical| {
-                let missing_m_s = -failsafe.descent_m_s - vertical.speed_m_s;
-                (hover_m_s2 + self.settings.attitude.descent_gain_1_s * missing_m_s)
-                    .clamp(hover_m_s2 * DESCENT_RATIO_MIN, hover_m_s2 * DESCENT_RATIO_MAX)
-            })
+        self.own.vertical().map_or(GRAVITY_M_S2 * failsafe.blind_descent_ratio, |vertical| {
+            let slow_height_m = if self.own.is_sure() { SLOW_HEIGHT_M_MAX } else { UNSURE_SLOW_HEIGHT_M_MAX };
+            let high_m = (vertical.height_m - slow_height_m).max(0.0);
+            let overdue_m = (-OVERDUE_HEIGHT_M - vertical.height_m).max(0.0);
+            let wanted_m_s = (failsafe.descent_m_s + SLOWING_1_S * high_m + HURRYING_1_S * overdue_m)
+                .min(failsafe.high_descent_m_s_max);
+            let missing_m_s = -wanted_m_s - vertical.speed_m_s;
+            (GRAVITY_M_S2 + self.settings.attitude.descent_gain_1_s * missing_m_s)
+                .clamp(GRAVITY_M_S2 * DESCENT_RATIO_MIN, GRAVITY_M_S2 * DESCENT_RATIO_MAX)
+        })
     }
 
     fn flip(&mut self, flown: Flown) -> [f64; 4] {
@@ -296,13 +345,7 @@ impl Firmware {
         self.collective_m_s2 = flown.collective_m_s2;
         let yaw_thrust_n_max = self.settings.rates.yaw_thrust_n_max;
         let airframe = &self.settings.airframe;
-        thrusts_n(
-            airframe,
-            flown.collective_m_s2,
-            angular_acceleration_rad_s2,
-            yaw_share,
-            yaw_thrust_n_max,
-        )
+        thrusts_n(airframe, flown.collective_m_s2, angular_acceleration_rad_s2, yaw_share, yaw_thrust_n_max)
     }
 
     /// The command link's receiver has a frame. One the receiver itself repeated or made up is not used.
@@ -324,18 +367,14 @@ impl Firmware {
             return;
         }
         let in_maneuver = self.generator.is_running();
-        if !self
-            .supervisor
-            .accept(now, frame, &self.own, &self.settings.failsafe)
-        {
+        if !self.supervisor.accept(now, frame, &self.own, &self.settings.failsafe) {
             self.counters.commands_repeated += 1;
             return;
         }
         self.counters.commands_accepted += 1;
         self.end_maneuver_if_stopped(now);
         if !in_maneuver {
-            self.own
-                .correct(&frame, self.sensors.rate_rad_s, &self.settings.attitude);
+            self.own.correct(&frame, self.sensors.rate_rad_s, &self.settings.attitude);
         }
     }
 
@@ -356,38 +395,23 @@ impl Firmware {
 
     fn obey(&mut self, now: Time, message: Uplink) {
         match message {
-            Uplink::Begin {
-                set_id,
-                count,
-                digest,
-            } => {
-                self.telemetry
-                    .upload_reply(self.store.begin(set_id, count, digest));
+            Uplink::Begin { set_id, count, digest } => {
+                self.telemetry.upload_reply(self.store.begin(set_id, count, digest));
             }
             Uplink::Items(items) => self.telemetry.upload_reply(self.store.items(&items)),
             Uplink::Commit { set_id, digest } => {
                 let (busy, settings) = (self.generator.is_running(), &self.settings);
-                let reply = self
-                    .store
-                    .commit(set_id, digest, busy, |items| admit(items, settings).is_some());
+                let reply = self.store.commit(set_id, digest, busy, |items| admit(items, settings).is_some());
                 self.telemetry.upload_reply(reply);
             }
-            Uplink::Start {
-                maneuver_id,
-                set_id,
-                digest,
-            } => {
-                self.generator.order(StartOrder {
-                    maneuver_id,
-                    set_id,
-                    digest,
-                });
+            Uplink::Start { maneuver_id, set_id, digest } => {
+                self.generator.order(StartOrder { maneuver_id, set_id, digest });
             }
             Uplink::Abort { maneuver_id } => {
                 if self.generator.record().id == maneuver_id
                     && self.generator.abort(now, Reason::AbortOrdered)
                 {
-                    self.supervisor.maneuver_aborted(now, &self.settings.failsafe);
+                    self.abort_maneuver(now);
                 }
             }
             Uplink::Ping { token } => self.telemetry.ping(now, token),
@@ -410,10 +434,7 @@ impl Firmware {
     /// fit is lost.
     pub fn poll_transmit(&mut self, now: Time, out: &mut [u8]) -> Option<usize> {
         let status = self.status(now);
-        self.telemetry
-            .poll(now, status)?
-            .encode(self.settings.vehicle, out)
-            .ok()
+        self.telemetry.poll(now, status)?.encode(self.settings.vehicle, out).ok()
     }
 
     /// The vehicle's report on itself at this moment.
@@ -421,10 +442,7 @@ impl Firmware {
     pub fn status(&self, now: Time) -> Status {
         let record = self.generator.record();
         let command = self.supervisor.command();
-        let age_ms = self
-            .supervisor
-            .command_age(now)
-            .map_or(i64::MAX, |age| age.as_nanos() / 1_000_000);
+        let age_ms = self.supervisor.command_age(now).map_or(i64::MAX, |age| age.as_nanos() / 1_000_000);
         let battery_v = self.sensors.battery_v();
         let active = self.store.active();
         Status {
@@ -451,16 +469,10 @@ impl Firmware {
             .with_if(self.supervisor.latched(), StatusFlags::LATCHED)
             .with_if(self.supervisor.emergency(), StatusFlags::EMERGENCY_STOP)
             .with_if(self.sensors.faulty(now), StatusFlags::SENSOR_FAULT)
-            .with_if(
-                self.sensors.battery_v() < self.settings.gate.battery_v_min,
-                StatusFlags::BATTERY_LOW,
-            )
+            .with_if(self.sensors.battery_v() < self.settings.gate.battery_v_min, StatusFlags::BATTERY_LOW)
             .with_if(self.own.attitude_known(), StatusFlags::ATTITUDE_KNOWN)
             .with_if(self.own.vertical().is_some(), StatusFlags::HEIGHT_KNOWN)
-            .with_if(
-                !self.supervisor.command_fresh(now, &self.settings.failsafe),
-                StatusFlags::COMMAND_STALE,
-            )
+            .with_if(!self.supervisor.command_fresh(now, &self.settings.failsafe), StatusFlags::COMMAND_STALE)
     }
 
     /// What is being done.

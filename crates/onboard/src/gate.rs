@@ -56,9 +56,6 @@ impl Moment<'_> {
         let vertical = self.own.vertical().ok_or(Reason::StateUnknown)?;
         require(vertical.height_m >= gate.height_m_min, Reason::Height)?;
         require(tilt_rad <= gate.tilt_rad_max, Reason::Tilt)?;
-        require(
-            vertical.speed_m_s.abs() <= gate.vertical_speed_m_s_max,
-            Reason::VerticalSpeed,
-        )
+        require(vertical.speed_m_s.abs() <= gate.vertical_speed_m_s_max, Reason::VerticalSpeed)
     }
 }

@@ -13,7 +13,7 @@
 //! * `command_generator`, `gate`: fly a stored flip, if the vehicle's own conditions hold, under guard;
 //! * `parameters`: the store the flip comes from, replaced whole or not at all;
 //! * `failsafe`: who flies when the commands stop, and when the motors do;
-//! * `attitude`, `sensors`: what the vehicle knows of itself for that;
+//! * `attitude`, `drift`, `sensors`: what the vehicle knows of itself for that;
 //! * `telemetry`: what it tells the ground, and when.
 //!
 //! Nothing here allocates, reads a clock, or trusts the ground more than the vehicle's own limits.
@@ -24,6 +24,7 @@ extern crate std;
 
 mod attitude;
 mod command_generator;
+mod drift;
 mod failsafe;
 mod firmware;
 mod gate;
@@ -40,6 +41,6 @@ pub use firmware::{Firmware, ReceiveCounters};
 pub use mixer::MOTOR_COMMAND_MAX;
 pub use sensors::ImuSample;
 pub use settings::{
-    Airframe, AttitudeSettings, FailsafeSettings, FirmwareSettings, LOOP_HZ, ManeuverGuard, ManeuverLimits,
-    RateGains, RateSettings, SettingsError, StartGate, TICK,
+    Airframe, AttitudeSettings, DriftSettings, FailsafeSettings, FirmwareSettings, LOOP_HZ, ManeuverGuard,
+    ManeuverLimits, RateGains, RateSettings, SettingsError, StartGate, TICK,
 };

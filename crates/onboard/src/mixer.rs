@@ -89,11 +89,7 @@ mod tests {
     /// Torques about x, y and z that the vehicle feels from four thrusts.
     fn torques([front, back, left, right]: [f64; 4]) -> [f64; 3] {
         let (l, c) = (AIRFRAME.arm_m, AIRFRAME.yaw_torque_per_thrust_m);
-        [
-            l * (left - right),
-            l * (back - front),
-            c * (front + back - left - right),
-        ]
+        [l * (left - right), l * (back - front), c * (front + back - left - right)]
     }
 
     #[test]
@@ -126,16 +122,10 @@ mod tests {
 
     #[test]
     fn commands_follow_the_square_root_and_stay_in_range() {
-        assert_eq!(
-            motor_commands(&AIRFRAME, [2.8, 0.7, 0.08, 1.147_77]),
-            [200, 100, 34, 128]
-        );
+        assert_eq!(motor_commands(&AIRFRAME, [2.8, 0.7, 0.08, 1.147_77]), [200, 100, 34, 128]);
         let mut trimmed = AIRFRAME;
         trimmed.trim_ratio = [1.5, 1.21, 0.2, 1.0];
-        assert_eq!(
-            motor_commands(&trimmed, [2.8, 0.7, 0.08, 0.7]),
-            [200, 110, 34, 100]
-        );
+        assert_eq!(motor_commands(&trimmed, [2.8, 0.7, 0.08, 0.7]), [200, 110, 34, 100]);
         trimmed.full_command_thrust_n = 3.5;
         let commands = motor_commands(&trimmed, [2.8, 2.8, 0.08, 0.08]);
         for command in commands {

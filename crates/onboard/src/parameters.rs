@@ -47,13 +47,7 @@ impl Staging {
             Reason::None => (UploadState::Staging, reason),
             refused => (UploadState::Refused, refused),
         };
-        UploadReply {
-            set_id: self.id,
-            state,
-            received_mask: self.received_mask,
-            digest: self.digest,
-            reason,
-        }
+        UploadReply { set_id: self.id, state, received_mask: self.received_mask, digest: self.digest, reason }
     }
 }
 
@@ -84,14 +78,7 @@ impl ParameterStore {
                     && staging.refused == Reason::None => {}
             _ => {
                 let (received_mask, items, refused) = (0, [0.0; SET_LEN_MAX], Reason::None);
-                self.staging = Some(Staging {
-                    id,
-                    count,
-                    digest,
-                    received_mask,
-                    items,
-                    refused,
-                });
+                self.staging = Some(Staging { id, count, digest, received_mask, items, refused });
             }
         }
         self.staging_reply(id, digest, Reason::None)
@@ -143,12 +130,7 @@ impl ParameterStore {
         } else if !admits(received) {
             staging.refused = Reason::OutsideLimits;
         } else {
-            let set = StoredSet {
-                id,
-                digest: computed,
-                count: staging.count,
-                items: staging.items,
-            };
+            let set = StoredSet { id, digest: computed, count: staging.count, items: staging.items };
             self.active = Some(set);
             self.staging = None;
             return committed(&set);
@@ -157,10 +139,7 @@ impl ParameterStore {
     }
 
     fn already_active(&self, id: u16, digest: u64) -> Option<UploadReply> {
-        self.active
-            .as_ref()
-            .filter(|active| (active.id, active.digest) == (id, digest))
-            .map(committed)
+        self.active.as_ref().filter(|active| (active.id, active.digest) == (id, digest)).map(committed)
     }
 
     fn staging_of(&mut self, id: u16) -> Option<&mut Staging> {
@@ -168,34 +147,18 @@ impl ParameterStore {
     }
 
     fn staging_reply(&self, id: u16, digest: u64, reason: Reason) -> UploadReply {
-        self.staging
-            .as_ref()
-            .map_or(refusal(id, digest, Reason::NotBegun), |staging| {
-                staging.reply(reason)
-            })
+        self.staging.as_ref().map_or(refusal(id, digest, Reason::NotBegun), |staging| staging.reply(reason))
     }
 }
 
 fn committed(set: &StoredSet) -> UploadReply {
     let received_mask = u32::MAX >> (32 - u32::from(set.count));
     let (state, reason) = (UploadState::Committed, Reason::None);
-    UploadReply {
-        set_id: set.id,
-        state,
-        received_mask,
-        digest: set.digest,
-        reason,
-    }
+    UploadReply { set_id: set.id, state, received_mask, digest: set.digest, reason }
 }
 
 const fn refusal(set_id: u16, digest: u64, reason: Reason) -> UploadReply {
-    UploadReply {
-        set_id,
-        state: UploadState::Refused,
-        received_mask: 0,
-        digest,
-        reason,
-    }
+    UploadReply { set_id, state: UploadState::Refused, received_mask: 0, digest, reason }
 }
 
 #[cfg(test)]
@@ -227,10 +190,7 @@ mod tests {
         let reply = store.commit(5, digest, true, any_set);
         assert_eq!((reply.state, reply.reason), (UploadState::Staging, Reason::Busy));
         let reply = store.commit(5, digest, false, any_set);
-        assert_eq!(
-            (reply.state, reply.digest, reply.received_mask),
-            (UploadState::Committed, digest, 0b111)
-        );
+        assert_eq!((reply.state, reply.digest, reply.received_mask), (UploadState::Committed, digest, 0b111));
         assert_eq!(store.active().unwrap().items(), values);
         // The acknowledgement was lost: whatever is repeated is answered the same.
         assert_eq!(store.commit(5, digest, false, any_set), reply);
@@ -250,10 +210,7 @@ mod tests {
         store.begin(2, 2, digest_of(&other));
         store.items(&items(2, 0, &good));
         let reply = store.commit(2, digest_of(&other), false, any_set);
-        assert_eq!(
-            (reply.state, reply.reason),
-            (UploadState::Refused, Reason::DigestMismatch)
-        );
+        assert_eq!((reply.state, reply.reason), (UploadState::Refused, Reason::DigestMismatch));
         assert_eq!(store.commit(2, digest_of(&other), false, any_set), reply);
         assert_eq!(store.active().unwrap().id, 1);
 
@@ -261,10 +218,7 @@ mod tests {
         assert_eq!(store.begin(2, 2, digest_of(&other)).received_mask, 0);
         store.items(&items(2, 0, &other));
         let reply = store.commit(2, digest_of(&other), false, |_| false);
-        assert_eq!(
-            (reply.state, reply.reason),
-            (UploadState::Refused, Reason::OutsideLimits)
-        );
+        assert_eq!((reply.state, reply.reason), (UploadState::Refused, Reason::OutsideLimits));
         assert_eq!(store.active().unwrap().id, 1);
     }
 
@@ -278,10 +232,7 @@ mod tests {
         store.begin(4, 1, digest_of(&[4.0]));
         store.items(&items(4, 0, &[4.0]));
         store.items(&items(3, 0, &[3.0]));
-        assert_eq!(
-            store.commit(4, digest_of(&[4.0]), false, any_set).state,
-            UploadState::Committed
-        );
+        assert_eq!(store.commit(4, digest_of(&[4.0]), false, any_set).state, UploadState::Committed);
     }
 
     /// What may happen to the messages of several uploads on their way.

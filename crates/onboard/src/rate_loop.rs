@@ -31,19 +31,14 @@ impl RateLoop {
     /// stands still while `grounded`.
     pub fn fly(&mut self, tick: RateError, settings: &FirmwareSettings, grounded: bool) -> Vector<Body> {
         let rates = &settings.rates;
-        let gains = RateGains {
-            integral: Integral::Conditional,
-            ..rates.flight
-        };
+        let gains = RateGains { integral: Integral::Conditional, ..rates.flight };
         let before = self.integral_rad;
         let answer = self.step(tick, gains, rates.yaw_p_1_s);
         if grounded {
             self.integral_rad = before;
         }
         let integral_max = rates.integral_rad_s2_max / gains.i_1_s2;
-        self.integral_rad = self
-            .integral_rad
-            .map(|integral| integral.clamp(-integral_max, integral_max));
+        self.integral_rad = self.integral_rad.map(|integral| integral.clamp(-integral_max, integral_max));
         answer
     }
 
@@ -87,10 +82,7 @@ mod tests {
     use super::*;
 
     fn tick(error: f64) -> RateError {
-        RateError {
-            error_rad_s: Vector::new(0.0, error, 0.5),
-            room_rad_s2: [100.0; 2],
-        }
+        RateError { error_rad_s: Vector::new(0.0, error, 0.5), room_rad_s2: [100.0; 2] }
     }
 
     #[test]
@@ -116,10 +108,7 @@ mod tests {
         for _ in 0..800 {
             rates.flip(tick(1.0), &settings);
         }
-        assert_eq!(
-            rates.integral_rad[1], 0.0,
-            "saturated by the proportional part alone"
-        );
+        assert_eq!(rates.integral_rad[1], 0.0, "saturated by the proportional part alone");
         for _ in 0..800 {
             rates.flip(tick(0.25), &settings);
         }

@@ -85,9 +85,7 @@ impl Sensors {
 
 fn credible(vector: Vector<Body>, greatest: f64) -> bool {
     // A comparison with what is not a number is false.
-    [vector.x, vector.y, vector.z]
-        .iter()
-        .all(|component| component.abs() <= greatest)
+    [vector.x, vector.y, vector.z].iter().all(|component| component.abs() <= greatest)
 }
 
 /// From `earlier` to `later`, at the ends of the range instead of beyond them.
@@ -120,25 +118,16 @@ mod tests {
         assert_eq!(sensors.acceleration_m_s2, good.acceleration_m_s2);
         assert_eq!(sensors.battery_v(), 11.1);
         assert!(sensors.faulty(later));
-        assert_eq!(
-            sensors.gyro_lost_for(later + Span::from_millis(5)),
-            Some(Span::from_millis(5))
-        );
+        assert_eq!(sensors.gyro_lost_for(later + Span::from_millis(5)), Some(Span::from_millis(5)));
         sensors.update(later + Span::from_millis(5), &good, false);
         assert_eq!(sensors.gyro_lost_for(later + Span::from_millis(6)), None);
-        assert!(
-            sensors.faulty(later + Span::from_millis(6)),
-            "shown a while longer"
-        );
+        assert!(sensors.faulty(later + Span::from_millis(6)), "shown a while longer");
     }
 
     #[test]
     fn the_battery_is_averaged_outside_maneuvers() {
         let mut sensors = Sensors::default();
-        let sample = |battery_v| ImuSample {
-            battery_v,
-            ..ImuSample::default()
-        };
+        let sample = |battery_v| ImuSample { battery_v, ..ImuSample::default() };
         sensors.update(Time::ZERO, &sample(12.0), false);
         for _ in 0..800 {
             sensors.update(Time::ZERO, &sample(9.0), true);

@@ -54,18 +54,10 @@ impl RateGains {
     ///
     /// Stable with the rotor lags of Table I, rising 50 1/s and falling 25 1/s, but only just: a step of the
     /// commanded rate overshoots by 80 % and rings for 0.4 s.
-    pub const TABLE_I: Self = Self {
-        p_1_s: 240.0,
-        i_1_s2: 3600.0,
-        integral: Integral::Literal,
-    };
+    pub const TABLE_I: Self = Self { p_1_s: 240.0, i_1_s2: 3600.0, integral: Integral::Literal };
 
     /// A choice for normal flight with the same rotors: 30 % overshoot, no ringing after 0.16 s.
-    pub const CALM: Self = Self {
-        p_1_s: 40.0,
-        i_1_s2: 100.0,
-        integral: Integral::Conditional,
-    };
+    pub const CALM: Self = Self { p_1_s: 40.0, i_1_s2: 100.0, integral: Integral::Conditional };
 }
 
 /// The rate loops.
@@ -138,8 +130,10 @@ pub struct FailsafeSettings {
     pub maneuver_grace: Span,
     /// Frames in a row, each fresh, that bring a vehicle back from a descent nobody ordered.
     pub resume_frames: u8,
-    /// Speed of a descent.
+    /// Speed of a descent close to the floor,
     pub descent_m_s: f64,
+    /// and the greatest on the way there.
+    pub high_descent_m_s_max: f64,
     /// Motors stop once a descent has lasted its height by `descent_m_s`, and this much more,
     pub land_timer_margin: Span,
     /// but not later than this.
@@ -173,6 +167,32 @@ pub struct AttitudeSettings {
     pub level_rate_rad_s_max: f64,
     /// Vertical acceleration per error of vertical speed in a descent.
     pub descent_gain_1_s: f64,
+    /// Horizontal speed felt by its drag.
+    pub drift: DriftSettings,
+}
+
+/// How the vehicle feels its horizontal speed, and brakes it when it is left alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriftSettings {
+    /// Deceleration by drag per speed. Small quadrotors have 0.2 to 0.5 1/s; within a factor of two the
+    /// vehicle brakes well.
+    pub drag_1_s: f64,
+    /// How fast the speed follows the drag felt.
+    pub follow_1_s: f64,
+    /// How fast the tilt follows it, while there are no hints: the square of a frequency.
+    pub tilt_1_s2: f64,
+    /// How fast the gyros' error follows the tilt's.
+    pub gyro_bias_1_s: f64,
+    /// No greater speed is believed in.
+    pub speed_m_s_max: f64,
+    /// Time over which the accelerometers' error across is averaged.
+    pub bias_time_s: f64,
+    /// Deceleration wanted per speed.
+    pub brake_1_s: f64,
+    /// Greatest tilt of braking,
+    pub brake_rad_max: f64,
+    /// and close to the floor, where the feet shall come down together.
+    pub low_brake_rad_max: f64,
 }
 
 /// All of it.
@@ -209,15 +229,31 @@ pub struct SettingsError {
 
 impl fmt::Display for SettingsError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "firmware setting {}: {} should be {}",
-            self.field, self.value, self.wanted
-        )
+        write!(f, "firmware setting {}: {} should be {}", self.field, self.value, self.wanted)
     }
 }
 
 impl core::error::Error for SettingsError {}
+
+impl FailsafeSettings {
+    /// The default times of the failsafe ladder, and how a vehicle left alone comes down.
+    pub const LADDER: Self = Self {
+        fresh: Span::from_millis(60),
+        level_after: Span::from_millis(100),
+        descend_after: Span::from_millis(500),
+        maneuver_grace: Span::from_millis(100),
+        resume_frames: 3,
+        descent_m_s: 1.0,
+        high_descent_m_s_max: 2.0,
+        land_timer_margin: Span::from_secs(2),
+        land_timer_max: Span::from_secs(10),
+        blind_descent_ratio: 0.97,
+        disarm_height_m_max: 0.5,
+        rest_collective_m_s2_max: 1.0,
+        recovery_max: Span::from_millis(800),
+        gyro_loss_max: Span::from_millis(500),
+    };
+}
 
 impl FirmwareSettings {
     /// The paper's vehicle (Lupashin 2010, Table I) with three lithium-polymer cells and the failsafe's
@@ -263,28 +299,25 @@ impl FirmwareSettings {
                 rate_error_rad_s_max: 15.0,
                 persistence: Span::from_millis(100),
             },
-            failsafe: FailsafeSettings {
-                fresh: Span::from_millis(60),
-                level_after: Span::from_millis(100),
-                descend_after: Span::from_millis(500),
-                maneuver_grace: Span::from_millis(100),
-                resume_frames: 3,
-                descent_m_s: 1.0,
-                land_timer_margin: Span::from_secs(2),
-                land_timer_max: Span::from_secs(10),
-                blind_descent_ratio: 0.97,
-                disarm_height_m_max: 0.5,
-                rest_collective_m_s2_max: 1.0,
-                recovery_max: Span::from_millis(800),
-                gyro_loss_max: Span::from_millis(500),
-            },
+            failsafe: FailsafeSettings::LADDER,
             attitude: AttitudeSettings {
                 hint_weight_ratio: 0.3,
                 hint_snap_rad: 0.35,
                 hint_rate_rad_s_max: 8.0,
-                level_gain_1_s: 4.0,
+                level_gain_1_s: 6.0,
                 level_rate_rad_s_max: 6.0,
                 descent_gain_1_s: 2.0,
+                drift: DriftSettings {
+                    drag_1_s: 0.25,
+                    follow_1_s: 2.0,
+                    tilt_1_s2: 1.0,
+                    gyro_bias_1_s: 0.15,
+                    speed_m_s_max: 8.0,
+                    bias_time_s: 30.0,
+                    brake_1_s: 2.0,
+                    brake_rad_max: 0.6,
+                    low_brake_rad_max: 0.12,
+                },
             },
         }
     }
@@ -306,15 +339,7 @@ impl FirmwareSettings {
     }
 
     fn check_positive(&self) -> Result<(), SettingsError> {
-        let Self {
-            airframe,
-            rates,
-            limits,
-            guard,
-            failsafe,
-            attitude,
-            ..
-        } = self;
+        let Self { airframe, rates, limits, guard, failsafe, attitude, .. } = self;
         let positive = [
             ("airframe.mass_kg", airframe.mass_kg),
             ("airframe.arm_m", airframe.arm_m),
@@ -348,34 +373,28 @@ impl FirmwareSettings {
             ("attitude.level_gain_1_s", attitude.level_gain_1_s),
             ("attitude.level_rate_rad_s_max", attitude.level_rate_rad_s_max),
             ("attitude.descent_gain_1_s", attitude.descent_gain_1_s),
+            ("attitude.drift.drag_1_s", attitude.drift.drag_1_s),
+            ("attitude.drift.follow_1_s", attitude.drift.follow_1_s),
+            ("attitude.drift.tilt_1_s2", attitude.drift.tilt_1_s2),
+            ("attitude.drift.gyro_bias_1_s", attitude.drift.gyro_bias_1_s),
+            ("attitude.drift.speed_m_s_max", attitude.drift.speed_m_s_max),
+            ("attitude.drift.bias_time_s", attitude.drift.bias_time_s),
+            ("attitude.drift.brake_1_s", attitude.drift.brake_1_s),
+            ("attitude.drift.brake_rad_max", attitude.drift.brake_rad_max),
+            ("attitude.drift.low_brake_rad_max", attitude.drift.low_brake_rad_max),
         ];
-        match positive
-            .iter()
-            .find(|(_, value)| !(value.is_finite() && *value > 0.0))
-        {
-            Some((field, value)) => Err(SettingsError {
-                field,
-                value: *value,
-                wanted: "positive and finite",
-            }),
+        match positive.iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+            Some((field, value)) => {
+                Err(SettingsError { field, value: *value, wanted: "positive and finite" })
+            }
             None => Ok(()),
         }
     }
 
     fn check_ranges(&self) -> Result<(), SettingsError> {
-        let Self {
-            airframe,
-            limits,
-            failsafe,
-            attitude,
-            ..
-        } = self;
+        let Self { airframe, limits, failsafe, attitude, .. } = self;
         let require = |field, value, holds: bool, wanted| {
-            if holds {
-                Ok(())
-            } else {
-                Err(SettingsError { field, value, wanted })
-            }
+            if holds { Ok(()) } else { Err(SettingsError { field, value, wanted }) }
         };
         let (least_n, greatest_n) = (airframe.thrust_n_min, airframe.thrust_n_max);
         require(
@@ -387,20 +406,10 @@ impl FirmwareSettings {
         let hover = airframe.hover_collective_m_s2;
         let hover_n = hover * airframe.mass_kg / 4.0;
         let in_range = hover_n > least_n && hover_n < greatest_n;
-        require(
-            "airframe.hover_collective_m_s2",
-            hover,
-            in_range,
-            "within the thrust range",
-        )?;
+        require("airframe.hover_collective_m_s2", hover, in_range, "within the thrust range")?;
         let yaw = airframe.yaw_torque_per_thrust_m;
         let turns = yaw.is_finite() && yaw != 0.0;
-        require(
-            "airframe.yaw_torque_per_thrust_m",
-            yaw,
-            turns,
-            "finite and not zero",
-        )?;
+        require("airframe.yaw_torque_per_thrust_m", yaw, turns, "finite and not zero")?;
         let (low, high) = (limits.collective_m_s2_min, limits.collective_m_s2_max);
         require(
             "limits.collective_m_s2_max",
@@ -409,12 +418,7 @@ impl FirmwareSettings {
             "above a collective_m_s2_min that is not negative",
         )?;
         let lever_ratio = limits.lever_ratio_max;
-        require(
-            "limits.lever_ratio_max",
-            lever_ratio,
-            lever_ratio >= 1.0,
-            "at least 1",
-        )?;
+        require("limits.lever_ratio_max", lever_ratio, lever_ratio >= 1.0, "at least 1")?;
         require(
             "failsafe.level_after",
             failsafe.level_after.as_secs_f64(),
@@ -449,9 +453,6 @@ mod tests {
         assert_eq!(hasty.check().unwrap_err().field, "failsafe.level_after");
         let mut straight = good;
         straight.airframe.yaw_torque_per_thrust_m = 0.0;
-        assert_eq!(
-            straight.check().unwrap_err().field,
-            "airframe.yaw_torque_per_thrust_m"
-        );
+        assert_eq!(straight.check().unwrap_err().field, "airframe.yaw_torque_per_thrust_m");
     }
 }

@@ -114,9 +114,7 @@ mod tests {
 
     /// Milliseconds at which a status is sent, polled every millisecond.
     fn sent_at(telemetry: &mut Telemetry, from: i64, until: i64, status: Status) -> Vec<i64> {
-        (from..until)
-            .filter(|millis| telemetry.poll(at(*millis), status).is_some())
-            .collect()
+        (from..until).filter(|millis| telemetry.poll(at(*millis), status).is_some()).collect()
     }
 
     #[test]
@@ -124,20 +122,10 @@ mod tests {
         let mut telemetry = Telemetry::default();
         let calm = Status::default();
         assert_eq!(sent_at(&mut telemetry, 0, 130, calm), [0, 50, 100]);
-        let flying = Status {
-            mode: FlightMode::Flying,
-            ..calm
-        };
+        let flying = Status { mode: FlightMode::Flying, ..calm };
         let after: Vec<i64> = sent_at(&mut telemetry, 130, 500, flying);
-        assert_eq!(
-            after,
-            [130, 150, 170, 190, 210, 230, 250, 270, 290, 310, 360, 410, 460]
-        );
-        let stale = Status {
-            flags: StatusFlags::COMMAND_STALE,
-            battery_mv: 5,
-            ..flying
-        };
+        assert_eq!(after, [130, 150, 170, 190, 210, 230, 250, 270, 290, 310, 360, 410, 460]);
+        let stale = Status { flags: StatusFlags::COMMAND_STALE, battery_mv: 5, ..flying };
         assert_eq!(
             sent_at(&mut telemetry, 500, 520, stale),
             [510],
@@ -151,34 +139,15 @@ mod tests {
         for token in 0..9 {
             telemetry.ping(at(10), token);
         }
-        telemetry.upload_reply(UploadReply {
-            set_id: 1,
-            ..UploadReply::default()
-        });
-        telemetry.upload_reply(UploadReply {
-            set_id: 2,
-            ..UploadReply::default()
-        });
+        telemetry.upload_reply(UploadReply { set_id: 1, ..UploadReply::default() });
+        telemetry.upload_reply(UploadReply { set_id: 2, ..UploadReply::default() });
         let mut polled = Vec::new();
         while let Some(message) = telemetry.poll(at(12), Status::default()) {
             polled.push(message);
         }
         assert_eq!(polled.len(), 6);
-        assert_eq!(
-            polled[3],
-            Downlink::Pong {
-                token: 3,
-                received_us: 10_000,
-                turnaround_us: 2_000
-            }
-        );
-        assert_eq!(
-            polled[4],
-            Downlink::UploadReply(UploadReply {
-                set_id: 2,
-                ..UploadReply::default()
-            })
-        );
+        assert_eq!(polled[3], Downlink::Pong { token: 3, received_us: 10_000, turnaround_us: 2_000 });
+        assert_eq!(polled[4], Downlink::UploadReply(UploadReply { set_id: 2, ..UploadReply::default() }));
         assert_eq!(polled[5], Downlink::Status(Status::default()));
     }
 }

@@ -39,24 +39,14 @@ impl Plain {
         state[2] = 5.0;
         state[6] = 1.0;
         state[13..].fill(1.148);
-        Self {
-            state,
-            charge: 1.0,
-            strain: 0.0,
-            integral: [0.0; 2],
-            random: Stream::new(1, Purpose::Gyro, 1),
-        }
+        Self { state, charge: 1.0, strain: 0.0, integral: [0.0; 2], random: Stream::new(1, Purpose::Gyro, 1) }
     }
 
     fn derivative(s: &[f64; 17], command: &[f64; 4]) -> [f64; 17] {
         let (mass, arm, inertia) = (0.468, 0.17, [0.00223, 0.00223, 0.00388]);
         let [w, x, y, z] = [s[6], s[7], s[8], s[9]];
         let [p, q, r] = [s[10], s[11], s[12]];
-        let up = [
-            2.0 * (x * z + w * y),
-            2.0 * (y * z - w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        ];
+        let up = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
         let climb = up[0] * s[3] + up[1] * s[4] + up[2] * s[5];
         let axial = [climb - arm * q, climb + arm * q, climb + arm * p, climb - arm * p];
         let mut thrust = [0.0; 4];
@@ -146,13 +136,7 @@ impl Flying {
     fn new(name: &str) -> Self {
         let plant = Plant::new(&arena(name), 1, Time::ZERO).expect("the shipped settings fly");
         let vehicles: Vec<u8> = plant.vehicles().collect();
-        let mut flying = Self {
-            plant,
-            vehicles,
-            slot_at: Time::ZERO,
-            counter: 0,
-            bytes: 0,
-        };
+        let mut flying = Self { plant, vehicles, slot_at: Time::ZERO, counter: 0, bytes: 0 };
         flying.run(CommandMode::Disarmed, 5);
         flying.run(CommandMode::Fly, 5);
         flying.lift();
@@ -161,16 +145,14 @@ impl Flying {
 
     fn lift(&mut self) {
         for id in &self.vehicles {
-            self.plant
-                .place(*id, Motion::at_rest(Vector::new(0.0, 0.0, 8.0), 0.0));
+            self.plant.place(*id, Motion::at_rest(Vector::new(0.0, 0.0, 8.0), 0.0));
         }
     }
 
     fn run(&mut self, mode: CommandMode, slots: usize) {
         for _ in 0..slots {
             let bytes = &mut self.bytes;
-            self.plant
-                .advance(self.slot_at, &mut |output| *bytes += output.bytes.len());
+            self.plant.advance(self.slot_at, &mut |output| *bytes += output.bytes.len());
             self.counter = CommandFrame::next_counter(self.counter);
             for id in &self.vehicles {
                 let frame = CommandFrame {
@@ -216,10 +198,7 @@ fn benches(criterion: &mut Criterion) {
             }
         });
     });
-    for (label, scenario) in [
-        ("arena, one vehicle", "double-flip"),
-        ("arena, three vehicles", "fleet"),
-    ] {
+    for (label, scenario) in [("arena, one vehicle", "double-flip"), ("arena, three vehicles", "fleet")] {
         let mut flying = Flying::new(scenario);
         let vehicles = flying.vehicles.len() as u64;
         group.throughput(Throughput::Elements(800 * vehicles));

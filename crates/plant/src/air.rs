@@ -88,12 +88,7 @@ impl Gusts {
     pub fn new(gust_m_s2: f64, gust_time_s: f64, mut stream: Stream) -> Self {
         let kept = math::exp(-Self::STEP.as_secs_f64() / gust_time_s);
         let acceleration_m_s2 = draw(&mut stream) * gust_m_s2;
-        Self {
-            acceleration_m_s2,
-            kept,
-            fresh_m_s2: gust_m_s2 * math::sqrt(1.0 - kept * kept),
-            stream,
-        }
+        Self { acceleration_m_s2, kept, fresh_m_s2: gust_m_s2 * math::sqrt(1.0 - kept * kept), stream }
     }
 
     /// The present acceleration.

@@ -13,6 +13,9 @@ use crate::random::{Purpose, Stream};
 use crate::rigid_body::{Inertia, Load, Motion, Stage};
 use crate::rotor::{Course, Lag, ROTORS, Rotors};
 
+/// The floor stops a vehicle within a tick; no accelerometer of its kind reads more than 16 g.
+const IMPACT_M_S2_MAX: f64 = 16.0 * GRAVITY_M_S2;
+
 /// One vehicle's body in the hall.
 #[derive(Clone, Debug)]
 pub struct Airframe {
@@ -26,6 +29,8 @@ pub struct Airframe {
     battery: Battery,
     floor: Floor,
     contact: Contact,
+    /// Acceleration at which the floor stops the vehicle at this tick.
+    impact_m_s2: Vector<World>,
     step_s: f64,
     lag: Lag,
     motion: Motion,
@@ -56,20 +61,11 @@ impl Airframe {
         let rotors = Rotors::new(member, core::array::from_fn(|_| build.gaussian()));
         let hover_n = vehicle.airframe.mass_kg * GRAVITY_M_S2 / ROTORS as f64;
         let floor = Floor::new(&truth.floor);
-        let place = Vector::new(
-            member.part.start_x_m,
-            member.part.start_y_m,
-            floor.gear_height_m(),
-        );
+        let place = Vector::new(member.part.start_x_m, member.part.start_y_m, floor.gear_height_m());
         let gust_stream = Stream::new(seed, Purpose::Gust, vehicle.id);
         let mut airframe = Self {
             inverse_mass_1_kg: 1.0 / mass_kg,
-            inertia: Inertia::new(
-                vehicle
-                    .airframe
-                    .inertia_kg_m2
-                    .map(|i| i * truth.body.inertia_ratio),
-            ),
+            inertia: Inertia::new(vehicle.airframe.inertia_kg_m2.map(|i| i * truth.body.inertia_ratio)),
             rotors,
             air: Air::new(truth),
             gusts: Gusts::new(truth.air.gust_m_s2, truth.air.gust_time_s, gust_stream),
@@ -77,6 +73,7 @@ impl Airframe {
             battery: Battery::new(&truth.battery, hover_n / vehicle.rotor.thrust_n_max),
             floor,
             contact: Contact::Standing,
+            impact_m_s2: Vector::ZERO,
             step_s,
             lag: rotors.lag(step_s),
             motion: Motion::at_rest(place, member.part.heading_rad),
@@ -141,11 +138,7 @@ impl Airframe {
         self.roots = Rotors::roots(&thrust_n);
         self.power_ratio = self.rotors.power_ratio(&thrust_n, &self.roots);
         let standing = motion.position_m.z <= self.floor.gear_height_m();
-        self.contact = if standing {
-            Contact::Settling
-        } else {
-            Contact::Free
-        };
+        self.contact = if standing { Contact::Settling } else { Contact::Free };
         self.refresh();
     }
 
@@ -167,7 +160,7 @@ impl Airframe {
         let felt = if self.contact == Contact::Free {
             self.load.acceleration_m_s2 + up
         } else {
-            up
+            up + self.impact_m_s2
         };
         self.motion.orientation.inverse() * felt
     }
@@ -187,6 +180,7 @@ impl Airframe {
         }
         let course = Rotors::course(&self.lag, &self.thrust_n, &self.asked_n);
         let mut touchdown = None;
+        self.impact_m_s2 = Vector::ZERO;
         let lifts = self.load.acceleration_m_s2.z > 0.0;
         match self.contact {
             Contact::Broken => {}
@@ -197,12 +191,11 @@ impl Airframe {
                 self.contact = Contact::Free;
                 self.motion = self.flown(self.step_s, &course);
                 if self.floor.reached(&self.motion) {
+                    let before = self.motion.velocity_m_s;
                     let met = self.floor.touch(&mut self.motion);
-                    self.contact = if met.crashed {
-                        Contact::Broken
-                    } else {
-                        Contact::Settling
-                    };
+                    let change = self.motion.velocity_m_s - before;
+                    self.impact_m_s2 = (change / self.step_s).limited(IMPACT_M_S2_MAX);
+                    self.contact = if met.crashed { Contact::Broken } else { Contact::Settling };
                     touchdown = Some(met);
                 }
             }
@@ -239,24 +232,17 @@ impl Airframe {
         let ground = self.ground_ratio();
         let mut first = self.load;
         first.torque_n_m += spin.torque_n_m(Stage::Start, self.motion.rate_rad_s);
-        self.motion
-            .stepped(&self.inertia, step_s, first, |stage, motion| {
-                let thrust_n = if stage == Stage::Middle {
-                    &course.middle_n
-                } else {
-                    &course.end_n
-                };
-                let mut load = self.load_at(motion, thrust_n, ground);
-                load.torque_n_m += spin.torque_n_m(stage, motion.rate_rad_s);
-                load
-            })
+        self.motion.stepped(&self.inertia, step_s, first, |stage, motion| {
+            let thrust_n = if stage == Stage::Middle { &course.middle_n } else { &course.end_n };
+            let mut load = self.load_at(motion, thrust_n, ground);
+            load.torque_n_m += spin.torque_n_m(stage, motion.rate_rad_s);
+            load
+        })
     }
 
     fn load_at(&self, motion: &Motion, static_n: &[f64; ROTORS], ground: f64) -> Load {
         let up = z_axis(motion.orientation);
-        let axial_m_s = self
-            .rotors
-            .axial_m_s(up.dot(motion.velocity_m_s), motion.rate_rad_s);
+        let axial_m_s = self.rotors.axial_m_s(up.dot(motion.velocity_m_s), motion.rate_rad_s);
         let actual_n: [f64; ROTORS] =
             core::array::from_fn(|i| static_n[i] * ground * self.air.inflow_ratio(axial_m_s[i]));
         let collective_m_s2 = actual_n.iter().sum::<f64>() * self.inverse_mass_1_kg;
@@ -292,15 +278,8 @@ impl Spin {
     /// From the rotors' angular momentum at the three instants; its change follows from the parabola through
     /// them, so that Runge and Kutta's weights give the whole change exactly.
     fn new([begin, middle, end]: [f64; 3], step_s: f64) -> Self {
-        let changes = [
-            4.0 * middle - 3.0 * begin - end,
-            end - begin,
-            begin - 4.0 * middle + 3.0 * end,
-        ];
-        Self {
-            momentum: [begin, middle, end],
-            reaction_n_m: changes.map(|change| -change / step_s),
-        }
+        let changes = [4.0 * middle - 3.0 * begin - end, end - begin, begin - 4.0 * middle + 3.0 * end];
+        Self { momentum: [begin, middle, end], reaction_n_m: changes.map(|change| -change / step_s) }
     }
 
     /// Gyroscopic torque of the rotors' momentum, and the reaction to its change.
@@ -351,10 +330,7 @@ mod tests {
             airframe.step();
         }
         let motion = airframe.motion();
-        assert!(
-            (motion.position_m - Vector::new(0.0, 0.0, 5.0)).norm() < 1e-9,
-            "{motion:?}"
-        );
+        assert!((motion.position_m - Vector::new(0.0, 0.0, 5.0)).norm() < 1e-9, "{motion:?}");
         assert!(airframe.specific_force_m_s2().z - GRAVITY_M_S2 < 1e-9);
     }
 
@@ -390,25 +366,14 @@ mod tests {
             airframe.step();
         }
         let climb = (1.0 - 1.0 / 1.1) / 0.04;
-        assert!(
-            (airframe.motion().velocity_m_s.z - climb).abs() < 0.002,
-            "{:?}",
-            airframe.motion()
-        );
+        assert!((airframe.motion().velocity_m_s.z - climb).abs() < 0.002, "{:?}", airframe.motion());
     }
 
     #[test]
     fn more_thrust_behind_pitches_forward_and_flies_forward() {
         let mut airframe = flying(&ideal(), [1.148; 4]);
         for tick in 0..200 {
-            ask(
-                &mut airframe,
-                if tick < 100 {
-                    [1.1, 1.196, 1.148, 1.148]
-                } else {
-                    [1.148; 4]
-                },
-            );
+            ask(&mut airframe, if tick < 100 { [1.1, 1.196, 1.148, 1.148] } else { [1.148; 4] });
             airframe.step();
         }
         assert!(airframe.motion().rate_rad_s.y > 0.1 && airframe.motion().velocity_m_s.x > 0.01);
@@ -431,11 +396,7 @@ mod tests {
         };
         // plant.md has 0.17 Nm from 0.105 N/(m/s) a rotor; here 0.04 of hover thrust is 0.046 N/(m/s).
         let expected = -2.0 * 0.17 * 0.17 * 27.925 * 0.04 * 1.148;
-        assert!(
-            (airframe.load.torque_n_m.y - expected).abs() < 1e-9,
-            "{:?}",
-            airframe.load
-        );
+        assert!((airframe.load.torque_n_m.y - expected).abs() < 1e-9, "{:?}", airframe.load);
     }
 
     #[test]

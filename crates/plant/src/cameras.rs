@@ -133,11 +133,7 @@ impl Cameras {
         outputs: &mut Outputs,
     ) {
         let mut bytes = [0; DATAGRAM_BYTES];
-        let nothing = Object {
-            name: &[],
-            translation_mm: [0.0; 3],
-            rotation_rad: [0.0; 3],
-        };
+        let nothing = Object { name: &[], translation_mm: [0.0; 3], rotation_rad: [0.0; 3] };
         let mut objects = [nothing; OBJECTS_PER_DATAGRAM];
         let mut rest = visible;
         // A frame without objects is sent too.
@@ -146,11 +142,7 @@ impl Cameras {
             rest = tail;
             for (object, (index, (translation_mm, rotation_rad))) in objects.iter_mut().zip(chunk) {
                 let (translation_mm, rotation_rad) = (*translation_mm, *rotation_rad);
-                *object = Object {
-                    name: self.name_of(*index, at, faults),
-                    translation_mm,
-                    rotation_rad,
-                };
+                *object = Object { name: self.name_of(*index, at, faults), translation_mm, rotation_rad };
             }
             // Names are cut to their field and the buffer holds a full datagram, so this cannot fail.
             if let Ok(length) = vicon::encode(self.told_number, &objects[..chunk.len()], &mut bytes) {
@@ -183,13 +175,7 @@ impl Subject {
     /// The object as it is shown; `None` where it is not.
     fn see(&mut self, motion: &Motion, at: Time, faults: &Schedule) -> Option<Shown> {
         let settings = &self.settings;
-        let mut draw = || {
-            [
-                self.stream.gaussian(),
-                self.stream.gaussian(),
-                self.stream.gaussian(),
-            ]
-        };
+        let mut draw = || [self.stream.gaussian(), self.stream.gaussian(), self.stream.gaussian()];
         let ([x, y, z], [rx, ry, rz]) = (draw(), draw());
         let position_m = motion.position_m + Vector::new(x, y, z) * settings.position_noise_m;
         let turn_rad: Vector<Body> = Vector::new(rx, ry, rz) * settings.attitude_noise_rad;
@@ -270,11 +256,7 @@ mod tests {
                 member.vehicle.plant.camera.dropout_ratio = 0.0;
             }
             let cameras = Cameras::new(&members, 4, Time::ZERO).unwrap();
-            Self {
-                cameras,
-                outputs: Outputs::new(),
-                faults: Schedule::default(),
-            }
+            Self { cameras, outputs: Outputs::new(), faults: Schedule::default() }
         }
 
         fn frames(&mut self, count: usize) -> Vec<Datagrams> {
@@ -288,19 +270,10 @@ mod tests {
                     let [x, y, z] = object.translation_mm;
                     let position = Vector::new(x, y, z) * 1e-3;
                     let shown = (object.translation_mm, object.rotation_rad);
-                    (
-                        object.name.to_vec(),
-                        position,
-                        euler_to_rotation(object.rotation_rad),
-                        shown,
-                    )
+                    (object.name.to_vec(), position, euler_to_rotation(object.rotation_rad), shown)
                 });
                 let objects = objects.collect();
-                sent.push(Datagrams {
-                    at: output.at,
-                    frame_number: datagram.frame_number,
-                    objects,
-                });
+                sent.push(Datagrams { at: output.at, frame_number: datagram.frame_number, objects });
             });
             sent
         }
@@ -338,10 +311,8 @@ mod tests {
             assert_eq!(frame.frame_number, frames[0].frame_number + k as u32);
         }
         assert!(frames.is_sorted_by_key(|frame| frame.at));
-        let delays = frames
-            .iter()
-            .enumerate()
-            .map(|(k, frame)| frame.at - first - Span::from_millis(5) * k as i64);
+        let delays =
+            frames.iter().enumerate().map(|(k, frame)| frame.at - first - Span::from_millis(5) * k as i64);
         let mean = delays.map(Span::as_secs_f64).sum::<f64>() / 2_000.0;
         assert!((mean - 0.0102).abs() < 0.000_03);
     }
@@ -374,25 +345,12 @@ mod tests {
             let frames = bench.frames(4);
             (frames, bench.frames(1))
         };
-        let (frames, after) = during(Fault::Occluded {
-            vehicle: 1,
-            shown: Occlusion::Absent,
-        });
-        assert!(
-            frames[..3]
-                .iter()
-                .all(|frame| frame.objects.len() == 1 && frame.objects[0].0 == b"quad2")
-        );
+        let (frames, after) = during(Fault::Occluded { vehicle: 1, shown: Occlusion::Absent });
+        assert!(frames[..3].iter().all(|frame| frame.objects.len() == 1 && frame.objects[0].0 == b"quad2"));
         assert_eq!(after[0].objects.len(), 2);
-        let (frames, _) = during(Fault::Occluded {
-            vehicle: 1,
-            shown: Occlusion::ZeroPose,
-        });
+        let (frames, _) = during(Fault::Occluded { vehicle: 1, shown: Occlusion::ZeroPose });
         assert_eq!(frames[2].objects[0].3, ([0.0; 3], [0.0; 3]));
-        let (frames, _) = during(Fault::Occluded {
-            vehicle: 2,
-            shown: Occlusion::FrozenPose,
-        });
+        let (frames, _) = during(Fault::Occluded { vehicle: 2, shown: Occlusion::FrozenPose });
         assert_eq!(frames[0].objects[1].3, frames[2].objects[1].3);
         assert_ne!(frames[2].objects[1].3, frames[3].objects[1].3);
         let (frames, _) = during(Fault::SwappedMarkers { vehicle: 1, other: 2 });
@@ -421,11 +379,7 @@ mod tests {
         let before = during(Fault::CamerasSilent, 12);
         assert_eq!(before.len(), 2);
         let frames = during(Fault::FrozenFrameNumber, 12);
-        assert!(
-            frames[..10]
-                .iter()
-                .all(|frame| frame.frame_number == before[1].frame_number)
-        );
+        assert!(frames[..10].iter().all(|frame| frame.frame_number == before[1].frame_number));
         assert_eq!(frames[10].frame_number, before[1].frame_number + 11);
         let offset = 1_000u32.wrapping_neg();
         let frames = during(Fault::RenumberedFrames { offset }, 12);
@@ -434,12 +388,7 @@ mod tests {
         let frames = during(Fault::SlowFrames { one_of: 5 }, 12);
         assert_eq!(frames.len(), 4);
         assert_eq!(frames[1].frame_number, frames[0].frame_number + 1);
-        let frames = during(
-            Fault::LateFrames {
-                delay: Span::from_millis(100),
-            },
-            12,
-        );
+        let frames = during(Fault::LateFrames { delay: Span::from_millis(100) }, 12);
         // What was on time again came first.
         assert!(frames[0].frame_number > frames[2].frame_number);
         assert_eq!(frames.len(), 12);

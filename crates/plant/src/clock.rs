@@ -107,10 +107,7 @@ mod tests {
             }
             let true_ns = TICK.as_nanos() as f64 * f64::from(ticks - 1) / clock.rate;
             assert!(((clock.tick_at() - first_at).as_nanos() as f64 - true_ns).abs() < 2.0);
-            assert_eq!(
-                (clock.uptime - first_uptime).as_nanos(),
-                TICK.as_nanos() * i64::from(ticks - 1)
-            );
+            assert_eq!((clock.uptime - first_uptime).as_nanos(), TICK.as_nanos() * i64::from(ticks - 1));
             assert!((clock.rate - 1.0).abs() <= 2e-5 && clock.rate != 1.0);
         }
     }

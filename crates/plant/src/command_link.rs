@@ -83,10 +83,7 @@ impl CommandLink {
                 Fault::CommandLoss { vehicle, loss_ratio } if vehicle == self.vehicle => {
                     chances.loss_ratio = chances.loss_ratio.max(loss_ratio);
                 }
-                Fault::CommandCorruption {
-                    vehicle,
-                    corruption_ratio,
-                } if vehicle == self.vehicle => {
+                Fault::CommandCorruption { vehicle, corruption_ratio } if vehicle == self.vehicle => {
                     chances.corruption_ratio = chances.corruption_ratio.max(corruption_ratio);
                 }
                 Fault::CommandDelay { vehicle, delay } if vehicle == self.vehicle => extra = delay,
@@ -148,9 +145,7 @@ mod tests {
     }
 
     fn frame(n: u16) -> Frame {
-        Frame::new(core::array::from_fn(|i| {
-            n.wrapping_mul(37).wrapping_add(i as u16 * 101) & 0x7FF
-        }))
+        Frame::new(core::array::from_fn(|i| n.wrapping_mul(37).wrapping_add(i as u16 * 101) & 0x7FF))
     }
 
     fn slot(n: i64) -> Time {
@@ -202,32 +197,15 @@ mod tests {
         // Standard deviations: 42 of 2000 and 54 of 3600. Of the corrupted a few flip a bit back.
         assert!(counts.lost.abs_diff(2_000) < 170, "{counts:?}");
         assert!(counts.corrupted.abs_diff(3_600) < 220, "{counts:?}");
-        assert!(
-            wrong <= counts.corrupted && wrong > counts.corrupted * 9 / 10,
-            "{wrong} of {counts:?}"
-        );
+        assert!(wrong <= counts.corrupted && wrong > counts.corrupted * 9 / 10, "{wrong} of {counts:?}");
     }
 
     #[test]
     fn a_silent_link_delivers_nothing_and_recovers() {
         let mut link = link(|settings| settings.loss_ratio = 0.0);
         let mut faults = Schedule::default();
-        faults.add(
-            Fault::CommandLoss {
-                vehicle: 1,
-                loss_ratio: 1.0,
-            },
-            slot(10),
-            slot(20),
-        );
-        faults.add(
-            Fault::CommandLoss {
-                vehicle: 2,
-                loss_ratio: 1.0,
-            },
-            slot(0),
-            slot(30),
-        );
+        faults.add(Fault::CommandLoss { vehicle: 1, loss_ratio: 1.0 }, slot(10), slot(20));
+        faults.add(Fault::CommandLoss { vehicle: 2, loss_ratio: 1.0 }, slot(0), slot(30));
         for k in 0..30 {
             link.feed(slot(k), &frame(1).encode(), &faults);
         }

@@ -34,10 +34,7 @@ impl Payload {
     fn new(data: &[u8]) -> Option<Self> {
         let mut bytes = [0; PAYLOAD_BYTES_MAX];
         bytes.get_mut(..data.len())?.copy_from_slice(data);
-        Some(Self {
-            bytes,
-            length: data.len(),
-        })
+        Some(Self { bytes, length: data.len() })
     }
 
     fn as_slice(&self) -> &[u8] {
@@ -56,12 +53,7 @@ struct Way {
 
 impl Way {
     fn new(settings: &LinkSettings, stream: Stream) -> Self {
-        Self {
-            settings: settings.clone(),
-            stream,
-            air: DelayQueue::new(),
-            counts: LinkCounts::default(),
-        }
+        Self { settings: settings.clone(), stream, air: DelayQueue::new(), counts: LinkCounts::default() }
     }
 
     fn delay(&mut self) -> Span {
@@ -117,10 +109,7 @@ impl DataLink {
                 down: Way::new(link, Stream::new(seed, Purpose::Downlink, id)),
             }
         };
-        Self {
-            decoder: Decoder::new(MODE),
-            radios: fleet.iter().map(radio).collect(),
-        }
+        Self { decoder: Decoder::new(MODE), radios: fleet.iter().map(radio).collect() }
     }
 
     /// What has become of a vehicle's payloads: to it, from it.
@@ -134,21 +123,8 @@ impl DataLink {
     pub(crate) fn feed(&mut self, now: Time, bytes: &[u8], faults: &Schedule, outputs: &mut Outputs) {
         let Self { decoder, radios } = self;
         decoder.receive(bytes, |frame| {
-            if let Frame::Transmit16 {
-                frame_id,
-                destination,
-                options,
-                data,
-            } = frame
-            {
-                transmit(
-                    radios,
-                    now,
-                    (frame_id, destination, options),
-                    data,
-                    faults,
-                    outputs,
-                );
+            if let Frame::Transmit16 { frame_id, destination, options, data } = frame {
+                transmit(radios, now, (frame_id, destination, options), data, faults, outputs);
             }
         });
     }
@@ -172,16 +148,7 @@ impl DataLink {
         }
         if let Some((at, payload)) = radio.down.air.pop_due(Time::FAR_FUTURE) {
             radio.down.counts.delivered += 1;
-            write(
-                Frame::Receive16 {
-                    source,
-                    rssi: RSSI,
-                    options: 0,
-                    data: payload.as_slice(),
-                },
-                at,
-                outputs,
-            );
+            write(Frame::Receive16 { source, rssi: RSSI, options: 0, data: payload.as_slice() }, at, outputs);
         }
     }
 
@@ -203,11 +170,7 @@ impl DataLink {
 
     /// The least delay from a vehicle to the coordinator.
     pub(crate) fn least_down_delay(&self) -> Span {
-        let least = self
-            .radios
-            .iter()
-            .map(|radio| Span::from_secs_f64(radio.down.settings.delay_s))
-            .min();
+        let least = self.radios.iter().map(|radio| Span::from_secs_f64(radio.down.settings.delay_s)).min();
         least.unwrap_or(Span::ZERO)
     }
 }
@@ -222,11 +185,7 @@ fn transmit(
 ) {
     let mut status_at = now + Span::from_millis(2);
     let unacknowledged = destination == BROADCAST_16 || options & OPTION_NO_ACK != 0;
-    let mut result = if unacknowledged {
-        TransmitResult::Success
-    } else {
-        TransmitResult::NoAck
-    };
+    let mut result = if unacknowledged { TransmitResult::Success } else { TransmitResult::NoAck };
     if data.len() > PAYLOAD_BYTES_MAX {
         result = TransmitResult::TooLarge;
     } else {
@@ -264,31 +223,23 @@ fn address_of(radios: &[Radio], vehicle: u8, now: Time, faults: &Schedule) -> u1
         }
     }
     let radio = radios.iter().find(|radio| radio.vehicle == seen_as);
-    radio
-        .or_else(|| radios.iter().find(|radio| radio.vehicle == vehicle))
-        .map_or(0, |radio| radio.address)
+    radio.or_else(|| radios.iter().find(|radio| radio.vehicle == vehicle)).map_or(0, |radio| radio.address)
 }
 
 fn uplink_loss(vehicle: u8, now: Time, faults: &Schedule) -> f64 {
     faults.at(now).fold(0.0, |loss: f64, fault| match fault {
-        Fault::DataLoss {
-            vehicle: of,
-            loss_ratio,
-        } if of == vehicle => loss.max(loss_ratio),
+        Fault::DataLoss { vehicle: of, loss_ratio } if of == vehicle => loss.max(loss_ratio),
         _ => loss,
     })
 }
 
 fn downlink_loss(vehicle: u8, now: Time, faults: &Schedule) -> f64 {
     faults.at(now).fold(0.0, |loss: f64, fault| match fault {
-        Fault::DataLoss {
-            vehicle: of,
-            loss_ratio,
+        Fault::DataLoss { vehicle: of, loss_ratio } | Fault::DataDownlinkLoss { vehicle: of, loss_ratio }
+            if of == vehicle =>
+        {
+            loss.max(loss_ratio)
         }
-        | Fault::DataDownlinkLoss {
-            vehicle: of,
-            loss_ratio,
-        } if of == vehicle => loss.max(loss_ratio),
         _ => loss,
     })
 }
@@ -319,32 +270,20 @@ mod tests {
                 change(&mut member.vehicle.plant.data_link);
             }
             let link = DataLink::new(&arena.fleet, 3);
-            Self {
-                link,
-                outputs: Outputs::new(),
-                faults: Schedule::default(),
-            }
+            Self { link, outputs: Outputs::new(), faults: Schedule::default() }
         }
 
         fn transmit(&mut self, now: Time, destination: u16, frame_id: u8, data: &[u8]) {
             let mut serial = [0; 512];
-            let frame = Frame::Transmit16 {
-                frame_id,
-                destination,
-                options: 0,
-                data,
-            };
+            let frame = Frame::Transmit16 { frame_id, destination, options: 0, data };
             let length = frame.encode(MODE, &mut serial).unwrap();
-            self.link
-                .feed(now, &serial[..length], &self.faults, &mut self.outputs);
+            self.link.feed(now, &serial[..length], &self.faults, &mut self.outputs);
         }
 
         fn arrivals(&mut self, index: usize) -> Vec<(Time, Vec<u8>)> {
             let mut arrivals = Vec::new();
             while self.link.next_up_at(index).is_some() {
-                self.link.arrived_up(index, Time::FAR_FUTURE, |at, data| {
-                    arrivals.push((at, data.to_vec()))
-                });
+                self.link.arrived_up(index, Time::FAR_FUTURE, |at, data| arrivals.push((at, data.to_vec())));
             }
             arrivals
         }
@@ -376,9 +315,7 @@ mod tests {
         bench.transmit(Time::ZERO, 0x7777, 8, b"nobody");
         bench.transmit(Time::ZERO, 0x5001, 0, b"no status");
         assert_eq!(bench.arrivals(2), []);
-        let [(at, data)] = &bench.arrivals(1)[..] else {
-            panic!("one payload")
-        };
+        let [(at, data)] = &bench.arrivals(1)[..] else { panic!("one payload") };
         assert!(*at >= Time::ZERO + Span::from_millis(8));
         assert_eq!(data, b"hello\x7e\x7d");
         assert_eq!(bench.arrivals(0).len(), 1);
@@ -395,34 +332,18 @@ mod tests {
         bench.transmit(Time::ZERO, 0x5001, 2, &[0; 101]);
         assert_eq!(bench.arrivals(0), []);
         // The refusal needs no radio and comes first.
-        assert_eq!(
-            bench.read().0,
-            [TransmitResult::TooLarge, TransmitResult::Success]
-        );
+        assert_eq!(bench.read().0, [TransmitResult::TooLarge, TransmitResult::Success]);
     }
 
     #[test]
     fn payloads_from_vehicles_come_out_of_the_serial_line() {
         let mut bench = Bench::new(perfect);
         for index in 0..3 {
-            bench.link.send_down(
-                index,
-                Time::ZERO,
-                &[index as u8; 90],
-                &bench.faults,
-                &mut bench.outputs,
-            );
+            bench.link.send_down(index, Time::ZERO, &[index as u8; 90], &bench.faults, &mut bench.outputs);
         }
         let (_, mut received) = bench.read();
         received.sort();
-        assert_eq!(
-            received,
-            [
-                (0x5001, vec![0; 90]),
-                (0x5002, vec![1; 90]),
-                (0x5003, vec![2; 90])
-            ]
-        );
+        assert_eq!(received, [(0x5001, vec![0; 90]), (0x5002, vec![1; 90]), (0x5003, vec![2; 90])]);
     }
 
     #[test]
@@ -437,10 +358,7 @@ mod tests {
             arrived += bench.arrivals(0).len();
         }
         let (results, _) = bench.read();
-        let acknowledged = results
-            .iter()
-            .filter(|result| **result == TransmitResult::Success)
-            .count();
+        let acknowledged = results.iter().filter(|result| **result == TransmitResult::Success).count();
         // 8000 with a standard deviation of 40, and 6400 with one of 48.
         assert!(arrived.abs_diff(8_000) < 160, "{arrived}");
         assert!(acknowledged.abs_diff(6_400) < 200, "{acknowledged}");
@@ -450,51 +368,26 @@ mod tests {
     fn faults_silence_one_way_or_both_and_swap_addresses() {
         let mut bench = Bench::new(perfect);
         let (begin, end) = (Time::ZERO, Time::FAR_FUTURE);
-        bench.faults.add(
-            Fault::DataDownlinkLoss {
-                vehicle: 1,
-                loss_ratio: 1.0,
-            },
-            begin,
-            end,
-        );
+        bench.faults.add(Fault::DataDownlinkLoss { vehicle: 1, loss_ratio: 1.0 }, begin, end);
         bench.transmit(Time::ZERO, 0x5001, 1, b"x");
-        bench
-            .link
-            .send_down(0, Time::ZERO, b"y", &bench.faults, &mut bench.outputs);
+        bench.link.send_down(0, Time::ZERO, b"y", &bench.faults, &mut bench.outputs);
         assert_eq!(bench.arrivals(0).len(), 1);
         assert_eq!(bench.read(), (vec![TransmitResult::NoAck], vec![]));
-        bench.faults.add(
-            Fault::DataLoss {
-                vehicle: 1,
-                loss_ratio: 1.0,
-            },
-            begin,
-            end,
-        );
+        bench.faults.add(Fault::DataLoss { vehicle: 1, loss_ratio: 1.0 }, begin, end);
         bench.transmit(Time::ZERO, 0x5001, 1, b"x");
         assert_eq!(bench.arrivals(0).len(), 0);
         bench.read();
-        bench
-            .faults
-            .add(Fault::SwappedAddresses { vehicle: 2, other: 3 }, begin, end);
+        bench.faults.add(Fault::SwappedAddresses { vehicle: 2, other: 3 }, begin, end);
         bench.transmit(Time::ZERO, 0x5003, 1, b"for three");
         assert_eq!((bench.arrivals(1).len(), bench.arrivals(2).len()), (1, 0));
-        bench
-            .link
-            .send_down(1, Time::ZERO, b"from two", &bench.faults, &mut bench.outputs);
+        bench.link.send_down(1, Time::ZERO, b"from two", &bench.faults, &mut bench.outputs);
         assert_eq!(bench.read().1, [(0x5003, b"from two".to_vec())]);
     }
 
     #[test]
     fn noise_on_the_serial_line_costs_nothing_but_itself() {
         let mut bench = Bench::new(perfect);
-        bench.link.feed(
-            Time::ZERO,
-            &[0x00, 0x7E, 0xFF, 0x12],
-            &bench.faults,
-            &mut bench.outputs,
-        );
+        bench.link.feed(Time::ZERO, &[0x00, 0x7E, 0xFF, 0x12], &bench.faults, &mut bench.outputs);
         bench.transmit(Time::ZERO, 0x5001, 1, b"still");
         assert_eq!(bench.arrivals(0).len(), 1);
     }

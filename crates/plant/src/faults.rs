@@ -167,8 +167,7 @@ impl Schedule {
     /// Forgets faults that were over well before `now`.
     pub(crate) fn prune(&mut self, now: Time) {
         if !self.faults.is_empty() {
-            self.faults
-                .retain(|scheduled| scheduled.ends.saturating_add(Span::from_secs(10)) > now);
+            self.faults.retain(|scheduled| scheduled.ends.saturating_add(Span::from_secs(10)) > now);
         }
     }
 

@@ -22,16 +22,9 @@ pub fn firmware_settings(vehicle: &Vehicle) -> FirmwareSettings {
     // Front and back turn clockwise seen from above (`rotor::SPIN`): their drag turns the body about +z.
     firmware.airframe.yaw_torque_per_thrust_m = rotor.drag_torque_m;
     firmware.airframe.trim_ratio = rates.trim_ratio;
-    firmware.rates.maneuver = RateGains {
-        p_1_s: rates.maneuver_p_1_s,
-        i_1_s2: rates.maneuver_i_1_s2,
-        integral,
-    };
-    firmware.rates.flight = RateGains {
-        p_1_s: rates.flight_p_1_s,
-        i_1_s2: rates.flight_i_1_s2,
-        integral,
-    };
+    firmware.rates.maneuver =
+        RateGains { p_1_s: rates.maneuver_p_1_s, i_1_s2: rates.maneuver_i_1_s2, integral };
+    firmware.rates.flight = RateGains { p_1_s: rates.flight_p_1_s, i_1_s2: rates.flight_i_1_s2, integral };
     firmware.rates.yaw_p_1_s = rates.yaw_p_1_s;
     // The firmware sees the voltage under load, the limit is one at rest.
     firmware.gate.battery_v_min = vehicle.battery.flip_v_min - vehicle.battery.hover_sag_v;

@@ -44,9 +44,7 @@ impl Floor {
     /// From a vehicle's settings.
     #[must_use]
     pub fn new(settings: &FloorSettings) -> Self {
-        Self {
-            settings: settings.clone(),
-        }
+        Self { settings: settings.clone() }
     }
 
     /// Height of a standing vehicle's centre of mass.
@@ -67,11 +65,7 @@ impl Floor {
         let settings = &self.settings;
         let crashed = velocity.norm() > settings.crash_speed_m_s || tilt_rad > settings.crash_tilt_rad;
         motion.position_m.z = settings.gear_height_m;
-        motion.velocity_m_s = if crashed {
-            Vector::ZERO
-        } else {
-            velocity.horizontal()
-        };
+        motion.velocity_m_s = if crashed { Vector::ZERO } else { velocity.horizontal() };
         motion.rate_rad_s = Vector::ZERO;
         Touchdown {
             vertical_m_s: -velocity.z,
@@ -126,9 +120,8 @@ mod tests {
         let touchdown = floor().touch(&mut motion);
         assert_eq!((touchdown.vertical_m_s, touchdown.crashed), (0.8, false));
         assert!((touchdown.horizontal_m_s - 0.5).abs() < 1e-12 && (touchdown.tilt_rad - 0.2).abs() < 1e-9);
-        let steps = (0..2_000)
-            .take_while(|_| floor().settle(&mut motion, 1.25e-3) != Contact::Standing)
-            .count();
+        let steps =
+            (0..2_000).take_while(|_| floor().settle(&mut motion, 1.25e-3) != Contact::Standing).count();
         assert!(steps < 600, "{steps}");
         // It slid by speed times time constant.
         assert!((motion.position_m - Vector::new(1.0 + 0.015, 2.0 + 0.02, 0.04)).norm() < 1e-4);

@@ -131,14 +131,8 @@ mod tests {
 
     #[test]
     fn the_accelerometer_reads_specific_force() {
-        let settings = AccelerometerSettings {
-            noise_m_s2: 0.0,
-            bias_m_s2: 0.0,
-        };
+        let settings = AccelerometerSettings { noise_m_s2: 0.0, bias_m_s2: 0.0 };
         let mut sensor = Accelerometer::new(&settings, 5, 1, &mut Stream::new(5, Purpose::Build, 1));
-        assert_eq!(
-            sensor.read(Vector::new(0.0, 0.0, 9.81)),
-            Vector::new(0.0, 0.0, 9.81)
-        );
+        assert_eq!(sensor.read(Vector::new(0.0, 0.0, 9.81)), Vector::new(0.0, 0.0, 9.81));
     }
 }

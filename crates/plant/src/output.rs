@@ -33,10 +33,7 @@ pub(crate) struct Outputs {
 
 impl Outputs {
     pub(crate) fn new() -> Self {
-        Self {
-            queue: DelayQueue::new(),
-            spare: Vec::new(),
-        }
+        Self { queue: DelayQueue::new(), spare: Vec::new() }
     }
 
     pub(crate) fn push(&mut self, device: Device, at: Time, bytes: &[u8]) {
@@ -52,11 +49,7 @@ impl Outputs {
 
     pub(crate) fn send(&mut self, now: Time, out: &mut impl FnMut(DeviceOutput<'_>)) {
         while let Some((at, (device, buffer))) = self.queue.pop_due(now) {
-            out(DeviceOutput {
-                device,
-                at,
-                bytes: &buffer,
-            });
+            out(DeviceOutput { device, at, bytes: &buffer });
             self.spare.push(buffer);
         }
     }

@@ -65,10 +65,7 @@ impl Plant {
     /// [`PlantError`].
     pub fn new(arena: &Arena, seed: u64, start: Time) -> Result<Self, PlantError> {
         let vehicles = arena.fleet.iter().enumerate().map(|(index, member)| {
-            let refused = |error| PlantError::Firmware {
-                vehicle: member.vehicle.id,
-                error,
-            };
+            let refused = |error| PlantError::Firmware { vehicle: member.vehicle.id, error };
             SimulatedVehicle::new(member, index, seed, start).map_err(refused)
         });
         Ok(Self {
@@ -88,11 +85,7 @@ impl Plant {
     #[must_use]
     pub fn next_event(&self) -> Time {
         let least_delay = self.data_link.least_down_delay();
-        let telemetry = self
-            .vehicles
-            .iter()
-            .map(|vehicle| vehicle.next_tick_at() + least_delay)
-            .min();
+        let telemetry = self.vehicles.iter().map(|vehicle| vehicle.next_tick_at() + least_delay).min();
         let exposure = self.cameras.next_at();
         let output = self.outputs.next_at().unwrap_or(Time::FAR_FUTURE);
         exposure.min(output).min(telemetry.unwrap_or(Time::FAR_FUTURE))
@@ -104,13 +97,7 @@ impl Plant {
         while self.cameras.next_at() <= now {
             let exposure = self.cameras.next_at();
             self.advance_vehicles(exposure);
-            let Self {
-                cameras,
-                vehicles,
-                faults,
-                outputs,
-                ..
-            } = self;
+            let Self { cameras, vehicles, faults, outputs, .. } = self;
             cameras.expose(|index| vehicles[index].motion_at(exposure), faults, outputs);
         }
         self.advance_vehicles(now);
@@ -120,24 +107,8 @@ impl Plant {
     }
 
     fn advance_vehicles(&mut self, now: Time) {
-        let Self {
-            hall,
-            vehicles,
-            data_link,
-            outputs,
-            faults,
-            maneuvers,
-            trajectories,
-            ..
-        } = self;
-        let mut around = Surroundings {
-            hall,
-            faults,
-            data_link,
-            outputs,
-            maneuvers,
-            trajectories,
-        };
+        let Self { hall, vehicles, data_link, outputs, faults, maneuvers, trajectories, .. } = self;
+        let mut around = Surroundings { hall, faults, data_link, outputs, maneuvers, trajectories };
         for vehicle in vehicles {
             vehicle.advance(now, &mut around);
         }

@@ -12,9 +12,7 @@ pub(crate) struct DelayQueue<T> {
 
 impl<T> DelayQueue<T> {
     pub(crate) fn new() -> Self {
-        Self {
-            entries: VecDeque::new(),
-        }
+        Self { entries: VecDeque::new() }
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -31,11 +29,7 @@ impl<T> DelayQueue<T> {
     }
 
     pub(crate) fn pop_due(&mut self, now: Time) -> Option<(Time, T)> {
-        if self.next_at()? <= now {
-            self.entries.pop_front()
-        } else {
-            None
-        }
+        if self.next_at()? <= now { self.entries.pop_front() } else { None }
     }
 }
 

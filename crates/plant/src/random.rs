@@ -52,9 +52,7 @@ impl Stream {
         let mut mix = SplitMix { state: seed };
         // Hashed twice, so that neighbouring seeds, purposes and vehicles share nothing.
         mix.state = mix.next() ^ ((purpose as u64) << 8 | u64::from(vehicle));
-        Self {
-            state: core::array::from_fn(|_| mix.next()),
-        }
+        Self { state: core::array::from_fn(|_| mix.next()) }
     }
 
     /// 64 random bits.
@@ -134,12 +132,7 @@ mod tests {
     #[test]
     fn generators_give_their_published_outputs() {
         let mut stream = Stream { state: [1, 2, 3, 4] };
-        let expected = [
-            41_943_041,
-            58_720_359,
-            3_588_806_011_781_223,
-            3_591_011_842_654_386,
-        ];
+        let expected = [41_943_041, 58_720_359, 3_588_806_011_781_223, 3_591_011_842_654_386];
         assert_eq!(expected.map(|_| stream.bits()), expected);
         assert_eq!(SplitMix { state: 0 }.next(), 0xE220_A839_7B1D_CDAF);
     }

@@ -48,10 +48,7 @@ impl Inertia {
     #[must_use]
     pub fn new(moments_kg_m2: [f64; 3]) -> Self {
         let [x, y, z] = moments_kg_m2;
-        Self {
-            moments_kg_m2: Vector::new(x, y, z),
-            inverse: Vector::new(1.0 / x, 1.0 / y, 1.0 / z),
-        }
+        Self { moments_kg_m2: Vector::new(x, y, z), inverse: Vector::new(1.0 / x, 1.0 / y, 1.0 / z) }
     }
 
     /// Angular momentum at a rate, kg m²/s.
@@ -63,10 +60,7 @@ impl Inertia {
     /// Angular acceleration, rad/s², under a torque.
     #[must_use]
     pub fn angular_acceleration(&self, rate_rad_s: Vector<Body>, torque_n_m: Vector<Body>) -> Vector<Body> {
-        times(
-            self.inverse,
-            torque_n_m - rate_rad_s.cross(self.momentum(rate_rad_s)),
-        )
+        times(self.inverse, torque_n_m - rate_rad_s.cross(self.momentum(rate_rad_s)))
     }
 }
 
@@ -203,10 +197,7 @@ mod tests {
             velocity_m_s: Vector::new(0.5, -0.25, 3.0),
             ..Motion::default()
         };
-        let gravity = Load {
-            acceleration_m_s2: Vector::new(0.0, 0.0, -GRAVITY_M_S2),
-            ..Load::default()
-        };
+        let gravity = Load { acceleration_m_s2: Vector::new(0.0, 0.0, -GRAVITY_M_S2), ..Load::default() };
         let end = fly(start, &inertia, 800, gravity);
         let expected = Vector::new(1.5, 1.75, 9.0 + 3.0 - 0.5 * GRAVITY_M_S2);
         assert!((end.position_m - expected).norm() < 1e-11);
@@ -216,10 +207,7 @@ mod tests {
     #[test]
     fn a_tumbling_body_keeps_energy_and_angular_momentum() {
         let inertia = Inertia::new([0.0020, 0.0026, 0.0041]);
-        let start = Motion {
-            rate_rad_s: Vector::new(6.0, -9.0, 4.0),
-            ..Motion::default()
-        };
+        let start = Motion { rate_rad_s: Vector::new(6.0, -9.0, 4.0), ..Motion::default() };
         let momentum = |m: &Motion| m.orientation * inertia.momentum(m.rate_rad_s);
         let energy = |m: &Motion| 0.5 * m.rate_rad_s.dot(inertia.momentum(m.rate_rad_s));
         let end = fly(start, &inertia, 8_000, Load::default());
@@ -233,10 +221,7 @@ mod tests {
     #[test]
     fn a_constant_rate_about_one_axis_turns_by_rate_times_time() {
         let inertia = Inertia::new([0.0023, 0.0023, 0.004]);
-        let start = Motion {
-            rate_rad_s: Vector::new(0.0, 27.925_268, 0.0),
-            ..Motion::default()
-        };
+        let start = Motion { rate_rad_s: Vector::new(0.0, 27.925_268, 0.0), ..Motion::default() };
         let end = fly(start, &inertia, 80, Load::default());
         let expected = Rotation::from_rotation_vector(Vector::new(0.0, 2.792_526_8, 0.0));
         assert!(end.orientation.angle_to(expected) < 1e-7);
@@ -245,10 +230,7 @@ mod tests {
     #[test]
     fn a_torque_turns_about_its_own_axis_and_direction() {
         let inertia = Inertia::new([0.0023, 0.0023, 0.004]);
-        let load = Load {
-            torque_n_m: Vector::new(0.0, 0.0, 0.004),
-            ..Load::default()
-        };
+        let load = Load { torque_n_m: Vector::new(0.0, 0.0, 0.004), ..Load::default() };
         let end = fly(Motion::default(), &inertia, 800, load);
         assert!((end.rate_rad_s.z - 1.0).abs() < 1e-12);
         assert!((end.orientation.yaw_rad() - 0.5).abs() < 1e-12);

@@ -32,10 +32,7 @@ impl Lag {
     #[must_use]
     pub fn over(step_s: f64, gain_up_1_s: f64, gain_down_1_s: f64) -> Self {
         let factors = |gain: f64| [math::exp(-0.5 * gain * step_s), math::exp(-gain * step_s)];
-        Self {
-            up: factors(gain_up_1_s),
-            down: factors(gain_down_1_s),
-        }
+        Self { up: factors(gain_up_1_s), down: factors(gain_down_1_s) }
     }
 }
 
@@ -121,22 +118,14 @@ impl Rotors {
     #[must_use]
     pub fn course(lag: &Lag, from_n: &[f64; ROTORS], asked_n: &[f64; ROTORS]) -> Course {
         let at = |i: usize, part: usize| {
-            let factor = if asked_n[i] >= from_n[i] {
-                lag.up[part]
-            } else {
-                lag.down[part]
-            };
+            let factor = if asked_n[i] >= from_n[i] { lag.up[part] } else { lag.down[part] };
             asked_n[i] + (from_n[i] - asked_n[i]) * factor
         };
         let end_n = core::array::from_fn(|i| {
             let thrust = at(i, 1);
             if thrust < STOPPED_N { 0.0 } else { thrust }
         });
-        Course {
-            middle_n: core::array::from_fn(|i| at(i, 0)),
-            end_roots: Self::roots(&end_n),
-            end_n,
-        }
+        Course { middle_n: core::array::from_fn(|i| at(i, 0)), end_roots: Self::roots(&end_n), end_n }
     }
 
     /// Torque of the thrusts about the body's axes; `static_n` drags, `actual_n` lifts.
@@ -151,12 +140,7 @@ impl Rotors {
     #[must_use]
     pub fn axial_m_s(&self, body_z_m_s: f64, rate_rad_s: Vector<Body>) -> [f64; ROTORS] {
         let (pitching, rolling) = (self.arm_m * rate_rad_s.y, self.arm_m * rate_rad_s.x);
-        [
-            body_z_m_s - pitching,
-            body_z_m_s + pitching,
-            body_z_m_s + rolling,
-            body_z_m_s - rolling,
-        ]
+        [body_z_m_s - pitching, body_z_m_s + pitching, body_z_m_s + rolling, body_z_m_s - rolling]
     }
 
     /// Square roots of the thrusts, which speed and power follow from.
@@ -196,9 +180,7 @@ mod tests {
         let rotors = Rotors::new(&ideal(), [0.0; 4]);
         let lag = rotors.lag(STEP_S);
         let run = |from: f64, to: f64, steps: usize| {
-            (0..steps).fold([from; 4], |thrust, _| {
-                Rotors::course(&lag, &thrust, &[to; 4]).end_n
-            })[0]
+            (0..steps).fold([from; 4], |thrust, _| Rotors::course(&lag, &thrust, &[to; 4]).end_n)[0]
         };
         // After one time constant 1 - 1/e of the way: 20 ms up, 40 ms down.
         let part = 1.0 - math::exp(-1.0);

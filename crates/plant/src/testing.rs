@@ -6,20 +6,14 @@ use settings::{Arena, FleetVehicle};
 
 /// The shipped arena with the double flip.
 pub(crate) fn arena() -> Arena {
-    Arena::load(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"),
-        "double-flip",
-    )
-    .expect("the shipped settings load")
+    Arena::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"), "double-flip")
+        .expect("the shipped settings load")
 }
 
 /// The shipped arena with three vehicles.
 pub(crate) fn fleet() -> Arena {
-    Arena::load(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"),
-        "fleet",
-    )
-    .expect("the shipped settings load")
+    Arena::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"), "fleet")
+        .expect("the shipped settings load")
 }
 
 /// The shipped arena, its vehicles without departures.

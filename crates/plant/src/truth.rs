@@ -171,10 +171,7 @@ pub(crate) struct PitchInPlane {
 impl PitchInPlane {
     pub(crate) fn new(heading_rad: f64, orientation: Rotation<Body, World>) -> Self {
         let (sin, cos) = math::sin_cos(heading_rad);
-        let mut plane = Self {
-            heading: Vector::new(cos, sin, 0.0),
-            pitch_rad: 0.0,
-        };
+        let mut plane = Self { heading: Vector::new(cos, sin, 0.0), pitch_rad: 0.0 };
         plane.follow(orientation);
         plane
     }
@@ -204,13 +201,7 @@ pub(crate) struct Watch {
 impl Watch {
     pub(crate) fn begin(maneuver_id: u16, began_at: Time, start: Motion) -> Self {
         let plane = PitchInPlane::new(start.orientation.yaw_rad(), start.orientation);
-        Self {
-            maneuver_id,
-            began_at,
-            start,
-            plane,
-            extremes: Extremes::default(),
-        }
+        Self { maneuver_id, began_at, start, plane, extremes: Extremes::default() }
     }
 
     /// One tick later.
@@ -264,29 +255,19 @@ impl Recorder {
     /// One tick; a trajectory when one is finished.
     pub(crate) fn tick(&mut self, now: Time, motion: &Motion) -> Option<Trajectory> {
         // Half a tick of tolerance, so that the steps follow the ticks.
-        let due = self
-            .last_at
-            .is_none_or(|last| now - last > Trajectory::STEP - Span::from_micros(625));
+        let due = self.last_at.is_none_or(|last| now - last > Trajectory::STEP - Span::from_micros(625));
         if let Some(drawing) = &mut self.drawing {
             let pitch_rad = drawing.plane.follow(motion.orientation);
             if due {
                 let after_s = (now - drawing.began_at).as_secs_f64();
-                let sample = TrajectorySample {
-                    after_s,
-                    position_m: motion.position_m,
-                    pitch_rad,
-                };
+                let sample = TrajectorySample { after_s, position_m: motion.position_m, pitch_rad };
                 drawing.trajectory.samples.push(sample);
             }
         }
         if due {
             self.last_at = Some(now);
             self.recent.push_back((now, *motion));
-            while self
-                .recent
-                .front()
-                .is_some_and(|(at, _)| now - *at > Trajectory::BEFORE)
-            {
+            while self.recent.front().is_some_and(|(at, _)| now - *at > Trajectory::BEFORE) {
                 self.recent.pop_front();
             }
         }
@@ -303,10 +284,7 @@ impl Recorder {
         motion: &Motion,
     ) -> Option<Trajectory> {
         let heading_rad = motion.orientation.yaw_rad();
-        let first = self
-            .recent
-            .front()
-            .map_or(motion.orientation, |(_, motion)| motion.orientation);
+        let first = self.recent.front().map_or(motion.orientation, |(_, motion)| motion.orientation);
         let mut plane = PitchInPlane::new(heading_rad, first);
         let samples = self.recent.iter().map(|(at, motion)| TrajectorySample {
             after_s: (*at - now).as_secs_f64(),
@@ -314,19 +292,8 @@ impl Recorder {
             pitch_rad: plane.follow(motion.orientation),
         });
         let samples = samples.collect();
-        let trajectory = Trajectory {
-            vehicle,
-            maneuver_id,
-            heading_rad,
-            duration_s: 0.0,
-            samples,
-        };
-        let drawing = Drawing {
-            trajectory,
-            plane,
-            began_at: now,
-            ended_at: None,
-        };
+        let trajectory = Trajectory { vehicle, maneuver_id, heading_rad, duration_s: 0.0, samples };
+        let drawing = Drawing { trajectory, plane, began_at: now, ended_at: None };
         self.drawing.replace(drawing).map(|drawing| drawing.trajectory)
     }
 
@@ -366,10 +333,8 @@ mod tests {
         let start = Motion::at_rest(Vector::new(1.0, 2.0, 5.0), 0.5 * PI);
         let mut watch = Watch::begin(7, Time::ZERO, start);
         for step in 0..1_000 {
-            let motion = Motion {
-                orientation: pitched(0.5 * PI, 2.0 * TAU * f64::from(step) / 1e3),
-                ..start
-            };
+            let motion =
+                Motion { orientation: pitched(0.5 * PI, 2.0 * TAU * f64::from(step) / 1e3), ..start };
             watch.follow(&motion, true, None);
         }
         let end = Motion {
@@ -379,23 +344,11 @@ mod tests {
             ..start
         };
         let truth = watch.end(3, Time::ZERO + Span::from_secs(1), end, true);
-        let expected = FlipError {
-            x_m: 0.3,
-            z_m: -1.0,
-            vx_m_s: -1.0,
-            vz_m_s: -2.0,
-            theta_rad: -0.4,
-        };
+        let expected = FlipError { x_m: 0.3, z_m: -1.0, vx_m_s: -1.0, vz_m_s: -2.0, theta_rad: -0.4 };
         let off = |a: f64, b: f64| (a - b).abs() < 1e-9;
         let error = truth.error;
-        assert!(
-            off(error.x_m, expected.x_m) && off(error.z_m, expected.z_m),
-            "{error:?}"
-        );
-        assert!(
-            off(error.vx_m_s, expected.vx_m_s) && off(error.vz_m_s, expected.vz_m_s),
-            "{error:?}"
-        );
+        assert!(off(error.x_m, expected.x_m) && off(error.z_m, expected.z_m), "{error:?}");
+        assert!(off(error.vx_m_s, expected.vx_m_s) && off(error.vz_m_s, expected.vz_m_s), "{error:?}");
         assert!(off(error.theta_rad, expected.theta_rad) && off(truth.turned_rad, 2.0 * TAU - 0.4));
     }
 
@@ -423,11 +376,7 @@ mod tests {
         assert!((trajectory.duration_s - 1.0).abs() < 1e-9);
         let samples = &trajectory.samples;
         assert!((samples[0].after_s + 0.2).abs() < 0.006 && samples.last().unwrap().after_s > 1.79);
-        assert!(
-            samples
-                .windows(2)
-                .all(|pair| (pair[1].after_s - pair[0].after_s - 0.005).abs() < 1e-9)
-        );
+        assert!(samples.windows(2).all(|pair| (pair[1].after_s - pair[0].after_s - 0.005).abs() < 1e-9));
         let last = samples.last().unwrap();
         assert!((last.pitch_rad - 4.0 * last.after_s).abs() < 1e-9 && samples[0].pitch_rad.abs() < 1e-9);
     }

@@ -151,19 +151,11 @@ impl SimulatedVehicle {
     fn receive(&mut self, until: Time, around: &mut Surroundings<'_>) {
         loop {
             let command_at = self.command_link.next_at().unwrap_or(Time::FAR_FUTURE);
-            let payload_at = around
-                .data_link
-                .next_up_at(self.index)
-                .unwrap_or(Time::FAR_FUTURE);
+            let payload_at = around.data_link.next_up_at(self.index).unwrap_or(Time::FAR_FUTURE);
             if command_at.min(payload_at) > until {
                 return;
             }
-            let Self {
-                clock,
-                firmware,
-                command_link,
-                ..
-            } = self;
+            let Self { clock, firmware, command_link, .. } = self;
             if command_at <= payload_at {
                 if let Some((at, Some(frame))) = command_link.arrived(until) {
                     firmware.receive_sbus(clock.uptime_at(at), &frame);
@@ -197,19 +189,13 @@ impl SimulatedVehicle {
         self.airframe.command(self.motor_commands);
         let inside = self.airframe.inside(around.hall);
         self.extremes.include(&motion, inside, touchdown.as_ref());
-        if let Some(trajectory) = self
-            .recorder
-            .as_mut()
-            .and_then(|recorder| recorder.tick(now, &motion))
-        {
+        if let Some(trajectory) = self.recorder.as_mut().and_then(|recorder| recorder.tick(now, &motion)) {
             around.trajectories.push(trajectory);
         }
         self.watch_maneuver(now, uptime, before, touchdown, inside, around);
         let mut payload = [0; PAYLOAD_BYTES_MAX];
         while let Some(length) = self.firmware.poll_transmit(uptime, &mut payload) {
-            around
-                .data_link
-                .send_down(self.index, now, &payload[..length], around.faults, around.outputs);
+            around.data_link.send_down(self.index, now, &payload[..length], around.faults, around.outputs);
         }
     }
 
@@ -245,9 +231,7 @@ impl SimulatedVehicle {
                 let part = (ended_at - before_at).as_secs_f64() / (now - before_at).as_secs_f64();
                 let end = between(&before, &motion, part, (now - before_at).as_secs_f64());
                 if let Some(watch) = self.watch.take() {
-                    around
-                        .maneuvers
-                        .push(watch.end(self.id, ended_at, end, completed));
+                    around.maneuvers.push(watch.end(self.id, ended_at, end, completed));
                 }
                 if let Some(recorder) = &mut self.recorder {
                     recorder.end(ended_at);
@@ -265,19 +249,12 @@ impl SimulatedVehicle {
         let mut health_ratio = [1.0; ROTORS];
         for fault in faults.at(now) {
             match fault {
-                Fault::WeakRotor {
-                    vehicle,
-                    rotor,
-                    thrust_ratio,
-                } if vehicle == self.id => {
+                Fault::WeakRotor { vehicle, rotor, thrust_ratio } if vehicle == self.id => {
                     if let Some(health) = health_ratio.get_mut(usize::from(rotor)) {
                         *health = thrust_ratio;
                     }
                 }
-                Fault::GyroBias {
-                    vehicle,
-                    bias_rad_s: bias,
-                } if vehicle == self.id => bias_rad_s += bias,
+                Fault::GyroBias { vehicle, bias_rad_s: bias } if vehicle == self.id => bias_rad_s += bias,
                 Fault::GyroNotANumber { vehicle } if vehicle == self.id => dead = true,
                 _ => {}
             }

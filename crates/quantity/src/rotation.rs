@@ -41,8 +41,13 @@ impl<A: Frame, B: Frame> Rotation<A, B> {
     #[must_use]
     pub fn from_components(w: f64, x: f64, y: f64, z: f64) -> Option<Self> {
         let norm = math::sqrt(w * w + x * x + y * y + z * z);
-        (norm.is_finite() && norm > 1e-6)
-            .then(|| Self { x: x / norm, y: y / norm, z: z / norm, w: w / norm, frames: PhantomData })
+        (norm.is_finite() && norm > 1e-6).then(|| Self {
+            x: x / norm,
+            y: y / norm,
+            z: z / norm,
+            w: w / norm,
+            frames: PhantomData,
+        })
     }
 
     /// Turned by a rotation vector (axis times angle, radians) given in frame `A`.
@@ -105,7 +110,10 @@ impl<A: Frame, B: Frame> Rotation<A, B> {
     /// Yaw: the heading of `A`'s x axis about `B`'s z axis, in (-π, π].
     #[must_use]
     pub fn yaw_rad(self) -> f64 {
-        math::atan2(2.0 * (self.w * self.z + self.x * self.y), 1.0 - 2.0 * (self.y * self.y + self.z * self.z))
+        math::atan2(
+            2.0 * (self.w * self.z + self.x * self.y),
+            1.0 - 2.0 * (self.y * self.y + self.z * self.z),
+        )
     }
 
     /// Angle between the two z axes, in [0, π].
@@ -130,7 +138,13 @@ impl<A: Frame, B: Frame> Rotation<A, B> {
     #[must_use]
     pub fn renormalised(self) -> Self {
         let scale = 1.0 / math::sqrt(self.w * self.w + self.x * self.x + self.y * self.y + self.z * self.z);
-        Self { x: self.x * scale, y: self.y * scale, z: self.z * scale, w: self.w * scale, frames: PhantomData }
+        Self {
+            x: self.x * scale,
+            y: self.y * scale,
+            z: self.z * scale,
+            w: self.w * scale,
+            frames: PhantomData,
+        }
     }
 }
 

@@ -41,19 +41,13 @@ pub struct Text<const N: usize> {
 
 impl<const N: usize> Text<N> {
     /// No text.
-    pub const EMPTY: Self = Self {
-        bytes: [0; N],
-        length: 0,
-    };
+    pub const EMPTY: Self = Self { bytes: [0; N], length: 0 };
 
     /// Whatever `content` displays as, cut at the last character that fits. Takes `&str`, `format_args!` and
     /// any other `Display`; allocates nothing.
     #[must_use]
     pub fn truncated(content: impl fmt::Display) -> Self {
-        let mut writer = Truncating {
-            text: Self::EMPTY,
-            full: false,
-        };
+        let mut writer = Truncating { text: Self::EMPTY, full: false };
         // An error stands for "full", or comes from `content` itself; either way what was written stands.
         let _ = fmt::write(&mut writer, format_args!("{content}"));
         writer.text
@@ -136,10 +130,7 @@ impl<const N: usize> TryFrom<&str> for Text<N> {
         let mut text = Self::EMPTY;
         text.bytes
             .get_mut(..content.len())
-            .ok_or(TooLong {
-                length: content.len(),
-                bound: N,
-            })?
+            .ok_or(TooLong { length: content.len(), bound: N })?
             .copy_from_slice(content.as_bytes());
         text.length = content.len() as u32;
         Ok(text)
@@ -172,10 +163,7 @@ impl<'de, const N: usize> Deserialize<'de> for Text<N> {
 
             fn visit_seq<A: SeqAccess<'de>>(self, mut access: A) -> Result<Text<N>, A::Error> {
                 let count = read_count(&mut access, N)?;
-                let mut text = Text {
-                    bytes: [0; N],
-                    length: count as u32,
-                };
+                let mut text = Text { bytes: [0; N], length: count as u32 };
                 deserialize_bytes(&mut text.bytes[..count], &mut access)?;
                 core::str::from_utf8(&text.bytes[..count]).map_err(A::Error::custom)?;
                 Ok(text)
@@ -212,10 +200,7 @@ impl<T: Clone, const N: usize> TryFrom<&[T]> for Seq<T, N> {
 
     fn try_from(elements: &[T]) -> Result<Self, TooLong> {
         if elements.len() > N {
-            return Err(TooLong {
-                length: elements.len(),
-                bound: N,
-            });
+            return Err(TooLong { length: elements.len(), bound: N });
         }
         Ok(Self(elements.to_vec()))
     }
@@ -226,10 +211,7 @@ impl<T, const N: usize> TryFrom<Vec<T>> for Seq<T, N> {
 
     fn try_from(elements: Vec<T>) -> Result<Self, TooLong> {
         if elements.len() > N {
-            return Err(TooLong {
-                length: elements.len(),
-                bound: N,
-            });
+            return Err(TooLong { length: elements.len(), bound: N });
         }
         Ok(Self(elements))
     }
@@ -257,10 +239,7 @@ impl<'a, T, const N: usize> IntoIterator for &'a Seq<T, N> {
 }
 
 impl<T: FieldType, const N: usize> FieldType for Seq<T, N> {
-    const KIND: Kind = Kind::Seq {
-        element: &T::KIND,
-        bound: N as u32,
-    };
+    const KIND: Kind = Kind::Seq { element: &T::KIND, bound: N as u32 };
     const NEEDS_UNIT: bool = T::NEEDS_UNIT;
     const AXES: Option<crate::Axes> = T::AXES;
 
@@ -302,26 +281,18 @@ impl<'de, T: FieldType + Deserialize<'de>, const N: usize> Deserialize<'de> for 
 fn read_count<'de, A: SeqAccess<'de>>(access: &mut A, bound: usize) -> Result<usize, A::Error> {
     let count: u32 = next(access)?;
     let length = count as usize;
-    if length > bound {
-        Err(A::Error::custom(TooLong { length, bound }))
-    } else {
-        Ok(length)
-    }
+    if length > bound { Err(A::Error::custom(TooLong { length, bound })) } else { Ok(length) }
 }
 
 fn next<'de, A: SeqAccess<'de>, T: Deserialize<'de>>(access: &mut A) -> Result<T, A::Error> {
-    access
-        .next_element()?
-        .ok_or_else(|| A::Error::custom("content cut short"))
+    access.next_element()?.ok_or_else(|| A::Error::custom("content cut short"))
 }
 
 /// Bytes as little-endian `u64` words and a rest: the same bytes on a little-endian wire of fixed sizes, at a
 /// fraction of the calls.
 pub(crate) fn serialize_bytes<S: SerializeTuple>(bytes: &[u8], tuple: &mut S) -> Result<(), S::Error> {
     let (words, rest) = bytes.as_chunks::<8>();
-    words
-        .iter()
-        .try_for_each(|word| tuple.serialize_element(&u64::from_le_bytes(*word)))?;
+    words.iter().try_for_each(|word| tuple.serialize_element(&u64::from_le_bytes(*word)))?;
     rest.iter().try_for_each(|byte| tuple.serialize_element(byte))
 }
 
@@ -349,24 +320,15 @@ mod tests {
     fn text_is_cut_between_characters() {
         assert_eq!(Text::<4>::truncated("aéé"), "aé");
         assert_eq!(Text::<4>::truncated("ab").as_str(), "ab");
-        assert_eq!(
-            Text::<4>::truncated(format_args!("{}{}é{}", "a", 12, "never reached")),
-            "a12"
-        );
+        assert_eq!(Text::<4>::truncated(format_args!("{}{}é{}", "a", 12, "never reached")), "a12");
         assert_eq!(Text::<0>::truncated("a"), "");
     }
 
     #[test]
     fn what_does_not_fit_is_refused() {
         assert_eq!(Text::<4>::try_from("12345"), Err(TooLong { length: 5, bound: 4 }));
-        assert_eq!(
-            Seq::<u8, 2>::try_from(vec![1, 2, 3]),
-            Err(TooLong { length: 3, bound: 2 })
-        );
-        assert_eq!(
-            Seq::<u8, 2>::try_from(&[1, 2, 3][..]),
-            Err(TooLong { length: 3, bound: 2 })
-        );
+        assert_eq!(Seq::<u8, 2>::try_from(vec![1, 2, 3]), Err(TooLong { length: 3, bound: 2 }));
+        assert_eq!(Seq::<u8, 2>::try_from(&[1, 2, 3][..]), Err(TooLong { length: 3, bound: 2 }));
         let mut full = Seq::<u8, 1>::try_from(vec![1]).expect("one fits");
         assert_eq!(full.push(2), Err(2));
         assert_eq!(*full, [1]);

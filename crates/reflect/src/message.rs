@@ -70,11 +70,7 @@ pub trait FieldType {
     {
         let mut items = Vec::with_capacity(count);
         for _ in 0..count {
-            items.push(
-                access
-                    .next_element()?
-                    .ok_or_else(|| A::Error::custom("sequence cut short"))?,
-            );
+            items.push(access.next_element()?.ok_or_else(|| A::Error::custom("sequence cut short"))?);
         }
         Ok(items)
     }
@@ -126,10 +122,7 @@ impl FieldType for f64 {
 }
 
 impl<T: FieldType, const N: usize> FieldType for [T; N] {
-    const KIND: Kind = Kind::Array {
-        element: &T::KIND,
-        length: N as u32,
-    };
+    const KIND: Kind = Kind::Array { element: &T::KIND, length: N as u32 };
     const NEEDS_UNIT: bool = T::NEEDS_UNIT;
     const AXES: Option<Axes> = T::AXES;
 
@@ -139,13 +132,7 @@ impl<T: FieldType, const N: usize> FieldType for [T; N] {
 }
 
 const fn component(name: &'static str, doc: &'static str) -> Field {
-    Field {
-        name,
-        doc,
-        kind: Kind::F64,
-        unit: None,
-        axes: None,
-    }
+    Field { name, doc, kind: Kind::F64, unit: None, axes: None }
 }
 
 /// The well-known shape under its well-known name: viewers recognise it.

@@ -52,11 +52,7 @@ fn enums_of(schema: &Schema) -> Vec<&'static str> {
 /// their names. Where a message holds several enums, each prefixes its own values, since a definition has one
 /// space of names.
 fn constants(out: &mut String, choice: &EnumSchema, prefixed: bool) {
-    let prefix = if prefixed {
-        upper_snake(choice.name) + "_"
-    } else {
-        String::new()
-    };
+    let prefix = if prefixed { upper_snake(choice.name) + "_" } else { String::new() };
     comment(out, &format!("{}: {}", choice.name, choice.doc));
     for constant in choice.constants {
         let (name, value) = (constant.name, constant.value);

@@ -181,10 +181,7 @@ impl EnumSchema {
     /// The name of a value, if it has one.
     #[must_use]
     pub fn name_of(&self, value: u32) -> Option<&'static str> {
-        self.constants
-            .iter()
-            .find(|constant| constant.value == value)
-            .map(|constant| constant.name)
+        self.constants.iter().find(|constant| constant.value == value).map(|constant| constant.name)
     }
 }
 

@@ -158,17 +158,7 @@ mod tests {
 
     #[test]
     fn a_name_without_quantity_or_unit_has_none() {
-        for name in [
-            "",
-            "m",
-            "_m",
-            "max",
-            "speed",
-            "speed_kmh",
-            "speed_max",
-            "positionm",
-            "height_mm",
-        ] {
+        for name in ["", "m", "_m", "max", "speed", "speed_kmh", "speed_max", "positionm", "height_mm"] {
             assert_eq!(suffix(name), None, "{name}");
         }
     }

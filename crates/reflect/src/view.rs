@@ -101,28 +101,16 @@ impl Value {
     /// absurd size. One thing is not checked here, since this is for looking, not for acting: a quaternion's
     /// length, and that floats are finite.
     pub fn decode(schema: &'static Schema, body: &[u8]) -> Result<Self, ViewError> {
-        let mut reader = Reader {
-            rest: body,
-            values: 0,
-        };
+        let mut reader = Reader { rest: body, values: 0 };
         let value = reader.record(schema, 0)?;
-        if reader.rest.is_empty() {
-            Ok(value)
-        } else {
-            Err(ViewError::Trailing {
-                left: reader.rest.len(),
-            })
-        }
+        if reader.rest.is_empty() { Ok(value) } else { Err(ViewError::Trailing { left: reader.rest.len() }) }
     }
 
     /// The value at a path of field names and indices: `bodies.0.position_m.x`.
     #[must_use]
     pub fn at(&self, path: &str) -> Option<&Self> {
         path.split('.').try_fold(self, |value, step| match value {
-            Self::Record(fields) => fields
-                .iter()
-                .find(|(name, _)| *name == step)
-                .map(|(_, value)| value),
+            Self::Record(fields) => fields.iter().find(|(name, _)| *name == step).map(|(_, value)| value),
             Self::Seq(elements) => elements.get(step.parse::<usize>().ok()?),
             _ => None,
         })
@@ -152,20 +140,14 @@ struct Reader<'a> {
 impl<'a> Reader<'a> {
     fn bytes(&mut self, needed: usize) -> Result<&'a [u8], ViewError> {
         let left = self.rest.len();
-        let (taken, rest) = self
-            .rest
-            .split_at_checked(needed)
-            .ok_or(ViewError::Short { needed, left })?;
+        let (taken, rest) = self.rest.split_at_checked(needed).ok_or(ViewError::Short { needed, left })?;
         self.rest = rest;
         Ok(taken)
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], ViewError> {
         let left = self.rest.len();
-        let (taken, rest) = self
-            .rest
-            .split_first_chunk()
-            .ok_or(ViewError::Short { needed: N, left })?;
+        let (taken, rest) = self.rest.split_first_chunk().ok_or(ViewError::Short { needed: N, left })?;
         self.rest = rest;
         Ok(*taken)
     }
@@ -176,11 +158,7 @@ impl<'a> Reader<'a> {
 
     fn count(&mut self, bound: u32) -> Result<u32, ViewError> {
         let length = self.u32()?;
-        if length > bound {
-            Err(ViewError::TooLong { length, bound })
-        } else {
-            Ok(length)
-        }
+        if length > bound { Err(ViewError::TooLong { length, bound }) } else { Ok(length) }
     }
 
     fn record(&mut self, schema: &'static Schema, depth: u32) -> Result<Value, ViewError> {
@@ -229,11 +207,7 @@ impl<'a> Reader<'a> {
 
     fn time(&mut self) -> Result<Value, ViewError> {
         let (sec, nsec) = (self.u32()?, self.u32()?);
-        if nsec < 1_000_000_000 {
-            Ok(Value::Time { sec, nsec })
-        } else {
-            Err(ViewError::BadTime { nsec })
-        }
+        if nsec < 1_000_000_000 { Ok(Value::Time { sec, nsec }) } else { Err(ViewError::BadTime { nsec }) }
     }
 
     fn text(&mut self, bound: u32) -> Result<Value, ViewError> {
@@ -252,17 +226,10 @@ impl<'a> Reader<'a> {
     }
 
     fn enumeration(&mut self, schema: &'static EnumSchema) -> Result<Value, ViewError> {
-        let value = if schema.width == 1 {
-            self.array::<1>()?[0].into()
-        } else {
-            self.u32()?
-        };
+        let value = if schema.width == 1 { self.array::<1>()?[0].into() } else { self.u32()? };
         match schema.name_of(value) {
             Some(name) => Ok(Value::Enumeration { value, name }),
-            None => Err(ViewError::UnknownValue {
-                enumeration: schema.name,
-                value,
-            }),
+            None => Err(ViewError::UnknownValue { enumeration: schema.name, value }),
         }
     }
 }

@@ -199,15 +199,8 @@ fn several_enumerations_prefix_their_values() {
 #[test]
 fn the_id_is_of_name_nul_and_text() {
     let text = Show::SCHEMA.text();
-    assert_eq!(
-        Show::SCHEMA.id(),
-        fnv1a_64(&[format!("example/Show\0{text}").as_bytes()])
-    );
-    let renamed = Schema {
-        name: "example/Other",
-        doc: Show::SCHEMA.doc,
-        fields: Show::SCHEMA.fields,
-    };
+    assert_eq!(Show::SCHEMA.id(), fnv1a_64(&[format!("example/Show\0{text}").as_bytes()]));
+    let renamed = Schema { name: "example/Other", doc: Show::SCHEMA.doc, fields: Show::SCHEMA.fields };
     assert_ne!(Show::SCHEMA.id(), renamed.id());
 }
 
@@ -221,10 +214,8 @@ fn names_carry_units_and_types_carry_frames() {
     assert_eq!(unit("orientation"), None);
     assert_eq!(field("rate_rad_s").axes, Some(Axes::In("body")));
     assert_eq!(field("orientation").axes, Some(Axes::Between("body", "world")));
-    assert!(
-        matches!(field("things").kind, Kind::Seq { element: Kind::Message(inner), bound: 3 }
-        if inner.name == "example/Thing")
-    );
+    assert!(matches!(field("things").kind, Kind::Seq { element: Kind::Message(inner), bound: 3 }
+        if inner.name == "example/Thing"));
 }
 
 #[test]
@@ -234,14 +225,8 @@ fn an_enumeration_is_its_value() {
     assert_eq!(State::from_value(1), Some(State::TakingOff));
     assert_eq!(State::from_value(2), None);
     assert_eq!(<State as Enumeration>::SCHEMA.name_of(1), Some("TAKING_OFF"));
-    assert_eq!(
-        serde_json::to_string(&Mount::Inverted).expect("it serialises"),
-        "9"
-    );
-    assert_eq!(
-        serde_json::from_str::<Mount>("9").expect("a known value"),
-        Mount::Inverted
-    );
+    assert_eq!(serde_json::to_string(&Mount::Inverted).expect("it serialises"), "9");
+    assert_eq!(serde_json::from_str::<Mount>("9").expect("a known value"), Mount::Inverted);
     let error = serde_json::from_str::<Mount>("8").expect_err("an unknown value");
     assert_eq!(error.to_string(), "8 is no value of Mount");
 }
@@ -250,27 +235,12 @@ fn an_enumeration_is_its_value() {
 fn floats_that_are_not_finite_are_found_wherever_they_are() {
     assert!(Show::default().all_finite());
     let nan = Vector::new(0.0, 0.0, f64::NAN);
-    let thing = Thing {
-        position_m: nan,
-        ..Thing::default()
-    };
+    let thing = Thing { position_m: nan, ..Thing::default() };
     for poisoned in [
-        Show {
-            rate_rad_s: nan.into_body(),
-            ..Show::default()
-        },
-        Show {
-            rate_rad_s_max: f32::INFINITY,
-            ..Show::default()
-        },
-        Show {
-            thrusts_n: [0.0, 0.0, 0.0, f32::NAN],
-            ..Show::default()
-        },
-        Show {
-            things: vec![Thing::default(), thing].try_into().expect("two fit"),
-            ..Show::default()
-        },
+        Show { rate_rad_s: nan.into_body(), ..Show::default() },
+        Show { rate_rad_s_max: f32::INFINITY, ..Show::default() },
+        Show { thrusts_n: [0.0, 0.0, 0.0, f32::NAN], ..Show::default() },
+        Show { things: vec![Thing::default(), thing].try_into().expect("two fit"), ..Show::default() },
     ] {
         assert!(!poisoned.all_finite(), "{poisoned:?}");
     }
@@ -304,10 +274,7 @@ fn a_path_leads_through_sequences_and_messages() {
     let position = Value::Record(vec![("x", Value::F64(2.5))]);
     let thing = Value::Record(vec![("position_m", position)]);
     let value = Value::Record(vec![("things", Value::Seq(vec![thing]))]);
-    assert_eq!(
-        value.at("things.0.position_m.x").and_then(Value::number),
-        Some(2.5)
-    );
+    assert_eq!(value.at("things.0.position_m.x").and_then(Value::number), Some(2.5));
     assert_eq!(value.at("things.1.position_m.x"), None);
 }
 
@@ -315,17 +282,8 @@ fn a_path_leads_through_sequences_and_messages() {
 fn what_is_no_body_says_why() {
     let read = |body: &[u8]| Value::decode(Both::SCHEMA, body).expect_err("no body of that type");
     assert_eq!(read(&BOTH[..3]), ViewError::Short { needed: 4, left: 3 });
-    assert_eq!(
-        read(&[&BOTH[..], &[0, 0]].concat()),
-        ViewError::Trailing { left: 2 }
-    );
-    assert_eq!(
-        read(&[200, 0, 0, 0, 8, 0]),
-        ViewError::UnknownValue {
-            enumeration: "Mount",
-            value: 8
-        }
-    );
+    assert_eq!(read(&[&BOTH[..], &[0, 0]].concat()), ViewError::Trailing { left: 2 });
+    assert_eq!(read(&[200, 0, 0, 0, 8, 0]), ViewError::UnknownValue { enumeration: "Mount", value: 8 });
     let read = |body: &[u8]| Value::decode(Show::SCHEMA, body).expect_err("no body of that type");
     let late = [0, 0, 0, 0, 0, 0xca, 0x9a, 0x3b];
     assert_eq!(read(&late), ViewError::BadTime { nsec: 1_000_000_000 });

@@ -8,11 +8,13 @@ mod core;
 mod node;
 mod ports;
 mod publisher;
+mod sections;
 
 pub use crate::core::{Core, Event, Inbound, Outbound, Outbox, Seed, Start};
-pub use node::{AnyNode, Identity, Node, Published, Sink};
-pub use publisher::{Publisher, source_of};
+pub use node::{AnyNode, Identity, Node, Published, QUEUE_AGE_MAX, Sink};
+pub use publisher::{Publisher, SayError, source_of};
 #[doc(hidden)]
 pub use schemas::Topic;
+pub use sections::check_sections;
 #[doc(hidden)]
 pub use wire::{DecodeError, EncodeError, decode, encode};

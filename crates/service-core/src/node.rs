@@ -6,11 +6,18 @@ use schemas::{DeviceBytes, NodeEvent, NodeHealth, Severity, Topic, topics};
 use settings::{Arena, ConfigError};
 use wire::{Counters, Domain, DropReason, Keyring, Kind, Role, Secret, Windows};
 
-use crate::publisher::{COMMON_TOPICS, Publisher};
+use crate::publisher::{Publisher, SayError};
+use crate::sections::check_sections;
 use crate::{Core, Event, Inbound, Outbound, Outbox, Seed, Start};
 
 /// How often definitions and health are announced.
 const ANNOUNCE_PERIOD: Span = Span::from_secs(1);
+/// Requests for definitions are answered at most so often, and only what was asked for: whoever floods the bus with them
+/// gets no more than ten answers a second out of a node, and none of its time at a radio slot.
+const ANSWER_PERIOD: Span = Span::from_millis(100);
+/// A datagram that has waited longer than this in the kernel is not delivered: its reader was stopped or starved, and what
+/// it says of the past must not look like news. Longer than any age limit of commands and states.
+pub const QUEUE_AGE_MAX: Span = Span::from_millis(250);
 
 /// Who a node is, besides its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,8 +99,8 @@ pub trait AnyNode {
 enum Taken<I> {
     /// Something for the core.
     Input(I),
-    /// Somebody asks for definitions.
-    SchemaRequest,
+    /// Somebody asks for the definition of a topic that this node writes.
+    SchemaRequest(&'static Topic),
     /// Not for this node, and no fault of anybody.
     Elsewhere,
 }
@@ -108,18 +115,25 @@ pub struct Node<C: Core> {
     windows: Windows,
     counters: Counters,
     device_body: Vec<u8>,
+    /// What this node writes: the core's outputs, its devices' bytes, and what every node writes.
+    writes: Vec<&'static Topic>,
+    asked: Vec<&'static Topic>,
+    /// The earliest instant of the next answer to those who ask for definitions.
+    answer_at: Time,
     started_at: Time,
     announce_at: Time,
     steps: u64,
     overflowed: u64,
+    unsaid: u64,
 }
 
 impl<C: Core> Node<C> {
     /// Starts a service.
     ///
     /// # Errors
-    /// A setting its core cannot work with.
+    /// A setting its core cannot work with, or a section of the settings that is no service's.
     pub fn new(arena: &Arena, secret: &Secret, identity: Identity, now: Time) -> Result<Self, ConfigError> {
+        check_sections(arena)?;
         let tuning = arena.section(C::NAME)?;
         let start = Start { at: now, seed: identity.seed, incarnation: identity.incarnation };
         let reads = C::Input::topics().iter().map(|topic| Role::of(Kind::Data, topic.writer));
@@ -132,10 +146,14 @@ impl<C: Core> Node<C> {
             windows: Windows::new(),
             counters: Counters::default(),
             device_body: Vec::new(),
+            writes: written_by::<C>(),
+            asked: Vec::new(),
+            answer_at: now,
             started_at: now,
             announce_at: now,
             steps: 0,
             overflowed: 0,
+            unsaid: 0,
         })
     }
 
@@ -153,36 +171,52 @@ impl<C: Core> Node<C> {
     fn step(&mut self, now: Time, event: Event<C::Input>, sink: &mut Sink<'_>) {
         self.steps += 1;
         self.core.step(now, event, &mut self.outbox);
-        for message in self.outbox.take_messages() {
+        let mut outbox = std::mem::take(&mut self.outbox);
+        for message in outbox.take_messages() {
             if let Err(error) = self.publisher.publish_output(now, &message, sink) {
-                // A core that says something unsayable has a bug, but the vehicles fly on.
-                let topic = message.topic().name;
-                debug_assert!(false, "{} cannot say {topic}: {error}", C::NAME);
-                let event = NodeEvent {
-                    severity: Severity::Fault,
-                    vehicle: 0,
-                    at: now,
-                    node: Text::truncated(C::NAME),
-                    name: Text::truncated("message-unsayable"),
-                    detail: Text::truncated(&format!("{topic}: {error}")),
-                };
-                let _ = self.publisher.publish(now, &topics::NODE_EVENT, &event, sink);
+                self.note_unsaid(now, message.topic(), &error, sink);
             }
         }
-        for mut event in self.outbox.take_events() {
+        for mut event in outbox.take_events() {
             event.node = Text::truncated(C::NAME);
-            // An event holds no floats and bounded texts: the codec has nothing to refuse.
-            let _ = self.publisher.publish(now, &topics::NODE_EVENT, &event, sink);
+            if let Err(error) = self.publisher.publish(now, &topics::NODE_EVENT, &event, sink) {
+                self.note_unsaid(now, &topics::NODE_EVENT, &error, sink);
+            }
         }
+        // Emptied, it keeps its memory.
+        self.outbox = outbox;
+    }
+
+    /// A message that cannot be said is a bug of the core's. The vehicles fly on, in debug builds too; tests look for the
+    /// event. A core that does it in each step is reported whenever the count doubles, so that it does not flood the bus.
+    fn note_unsaid(&mut self, now: Time, topic: &Topic, error: &SayError, sink: &mut Sink<'_>) {
+        self.unsaid += 1;
+        if !self.unsaid.is_power_of_two() {
+            return;
+        }
+        let event = NodeEvent {
+            severity: Severity::Fault,
+            vehicle: 0,
+            at: now,
+            node: Text::truncated(C::NAME),
+            name: Text::truncated("message-unsayable"),
+            detail: Text::truncated(format_args!("{}: {error}; {} so far", topic.name, self.unsaid)),
+        };
+        // Bounded texts and no floats: it fails only with a clock before its zero, where nothing can be said at all.
+        let _ = self.publisher.publish(now, &topics::NODE_EVENT, &event, sink);
     }
 
     /// From a datagram to an input, each check in its order.
     fn take(&mut self, datagram: &[u8]) -> Result<Taken<C::Input>, DropReason> {
         let opened = wire::open(datagram)?;
         if opened.claimed().kind == Kind::SchemaRequest {
+            let wanted = opened.topic().name();
+            let Some(topic) = self.writes.iter().copied().find(|topic| topic.name == wanted) else {
+                return Ok(Taken::Elsewhere);
+            };
             let key = self.keyring.verify_key(Role::NODE).ok_or(DropReason::Unauthentic)?;
             opened.verify(key)?.fresh(&mut self.windows)?;
-            return Ok(Taken::SchemaRequest);
+            return Ok(Taken::SchemaRequest(topic));
         }
         let topics = C::Input::topics();
         let hash = opened.topic().hash();
@@ -196,7 +230,8 @@ impl<C: Core> Node<C> {
             // The node's own device bytes come from its device. From the bus they are its echo, or a replay of it.
             return Ok(Taken::Elsewhere);
         }
-        let key = self.keyring.verify_key(Role::of(Kind::Data, topic.writer)).ok_or(DropReason::Unauthentic)?;
+        let key =
+            self.keyring.verify_key(Role::of(Kind::Data, topic.writer)).ok_or(DropReason::Unauthentic)?;
         let fresh = opened.verify(key)?.fresh(&mut self.windows)?;
         if fresh.header().schema_id != topic.schema_id() {
             return Err(DropReason::Undecodable);
@@ -205,11 +240,17 @@ impl<C: Core> Node<C> {
     }
 
     fn announce(&mut self, now: Time, sink: &mut Sink<'_>) {
-        self.publisher.announce(now, C::Output::topics(), sink);
-        self.publisher.announce(now, COMMON_TOPICS, sink);
+        self.publisher.announce(now, &self.writes, sink);
+        // Whoever asked has been answered with it.
+        self.asked.clear();
         let health = self.health();
-        // Health holds no floats and bounded texts: the codec has nothing to refuse.
+        // As for events: there is nothing in it that could not be said.
         let _ = self.publisher.publish(now, &topics::NODE_HEALTH, &health, sink);
+    }
+
+    /// When the definitions asked for are due.
+    fn answer_due(&self) -> Option<Time> {
+        (!self.asked.is_empty()).then_some(self.answer_at)
     }
 
     fn health(&self) -> NodeHealth {
@@ -246,7 +287,8 @@ impl<C: Core> AnyNode for Node<C> {
     }
 
     fn deadline(&self) -> Option<Time> {
-        Some(self.core.deadline().map_or(self.announce_at, |at| at.min(self.announce_at)))
+        let due = [self.core.deadline(), self.answer_due()].into_iter().flatten();
+        Some(due.fold(self.announce_at, Time::min))
     }
 
     fn wake(&mut self, now: Time, sink: &mut Sink<'_>) {
@@ -257,6 +299,11 @@ impl<C: Core> AnyNode for Node<C> {
             self.announce_at = now + ANNOUNCE_PERIOD;
             self.announce(now, sink);
         }
+        if self.answer_due().is_some_and(|at| at <= now) {
+            self.answer_at = now + ANSWER_PERIOD;
+            self.publisher.announce(now, &self.asked, sink);
+            self.asked.clear();
+        }
     }
 
     fn receive(&mut self, now: Time, datagram: &[u8], sink: &mut Sink<'_>) -> Result<(), DropReason> {
@@ -266,10 +313,13 @@ impl<C: Core> AnyNode for Node<C> {
                 self.step(now, Event::Input(input), sink);
                 Ok(())
             }
-            Ok(Taken::SchemaRequest) => {
+            Ok(Taken::SchemaRequest(topic)) => {
                 self.counters.accepted += 1;
-                self.publisher.announce(now, C::Output::topics(), sink);
-                self.publisher.announce(now, COMMON_TOPICS, sink);
+                // Answered when the node is woken next, which is at once unless it has just answered.
+                self.answer_at = self.answer_at.max(now);
+                if !self.asked.contains(&topic) {
+                    self.asked.push(topic);
+                }
                 Ok(())
             }
             Ok(Taken::Elsewhere) => Ok(()),
@@ -281,15 +331,22 @@ impl<C: Core> AnyNode for Node<C> {
     }
 
     fn inject(&mut self, now: Time, topic: &'static Topic, bytes: DeviceBytes, sink: &mut Sink<'_>) {
-        let Some(index) = C::Input::topics().iter().position(|candidate| *candidate == topic) else { return };
+        // Another service's topic is not for this node to publish, whatever the driver believes.
+        let own = |candidate: &&'static Topic| *candidate == topic && candidate.writer == C::NAME;
+        let Some(index) = C::Input::topics().iter().position(own) else { return };
         let mut body = std::mem::take(&mut self.device_body);
         body.clear();
-        if wire::encode(&bytes, &mut body).is_ok() {
-            self.publisher.publish_body(now, topic, &body, sink);
+        let said = wire::encode(&bytes, &mut body)
+            .map_err(SayError::from)
+            .and_then(|()| self.publisher.publish_body(now, topic, &body, sink));
+        match said {
             // Decoded from the very bytes that are recorded: a replay feeds the core the same.
-            if let Ok(input) = C::Input::decode(index, &body) {
-                self.step(now, Event::Input(input), sink);
+            Ok(()) => {
+                if let Ok(input) = C::Input::decode(index, &body) {
+                    self.step(now, Event::Input(input), sink);
+                }
             }
+            Err(error) => self.note_unsaid(now, topic, &error, sink),
         }
         self.device_body = body;
     }
@@ -306,3 +363,12 @@ impl<C: Core> AnyNode for Node<C> {
         self.steps
     }
 }
+
+fn written_by<C: Core>() -> Vec<&'static Topic> {
+    let devices = C::Input::topics().iter().filter(|topic| topic.writer == C::NAME);
+    let every_node = [&topics::NODE_EVENT, &topics::NODE_HEALTH];
+    C::Output::topics().iter().chain(devices).copied().chain(every_node).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -69,23 +69,15 @@ fn note(latency: Span) {
 
 fn percentile_us(sorted: &[Span], percent: usize) -> f64 {
     let index = (sorted.len() * percent / 100).min(sorted.len().saturating_sub(1));
-    sorted
-        .get(index)
-        .map_or(f64::NAN, |span| span.as_secs_f64() * 1e6)
+    sorted.get(index).map_or(f64::NAN, |span| span.as_secs_f64() * 1e6)
 }
 
 /// Ends a measurement: prints it and gives its median.
 fn report(name: &str) -> f64 {
-    let mut latencies = LATENCIES
-        .lock()
-        .map(|mut all| std::mem::take(&mut *all))
-        .unwrap_or_default();
+    let mut latencies = LATENCIES.lock().map(|mut all| std::mem::take(&mut *all)).unwrap_or_default();
     latencies.sort_unstable();
     let [p50, p90, p99] = [50, 90, 99].map(|percent| percentile_us(&latencies, percent));
-    println!(
-        "{name}: {} of {DATAGRAMS}, p50 {p50:.1} us, p90 {p90:.1} us, p99 {p99:.1} us",
-        latencies.len()
-    );
+    println!("{name}: {} of {DATAGRAMS}, p50 {p50:.1} us, p90 {p90:.1} us, p99 {p99:.1} us", latencies.len());
     p50
 }
 
@@ -97,14 +89,8 @@ fn send_all(setup: &Setup, incarnation: u32) -> Result<(), ShellError> {
     for _ in 0..DATAGRAMS {
         thread::sleep(PERIOD);
         let now = clock::now();
-        let state = VehicleState {
-            vehicle: 1,
-            estimated_for: now,
-            ..VehicleState::default()
-        };
-        let _ = publisher.publish(now, &topics::VEHICLE_STATE, &state, &mut |said| {
-            bus.send(said.datagram)
-        });
+        let state = VehicleState { vehicle: 1, estimated_for: now, ..VehicleState::default() };
+        let _ = publisher.publish(now, &topics::VEHICLE_STATE, &state, &mut |said| bus.send(said.datagram));
     }
     thread::sleep(Duration::from_millis(100));
     Ok(())
@@ -120,10 +106,8 @@ fn raw(setup: &Setup, incarnation: u32) -> Result<(), ShellError> {
         socket.set_read_timeout(Some(Duration::from_secs(1)))?;
         Ok::<UdpSocket, std::io::Error>(std::os::fd::OwnedFd::from(socket).into())
     };
-    let socket = open().map_err(|source| ShellError::System {
-        what: "opening a raw socket".to_owned(),
-        source,
-    })?;
+    let socket =
+        open().map_err(|source| ShellError::System { what: "opening a raw socket".to_owned(), source })?;
     thread::scope(|scope| {
         scope.spawn(|| {
             let mut bytes = [0; 2048];
@@ -157,19 +141,11 @@ fn measure() -> Result<(), ShellError> {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
     let mut arena = Arena::load(&config, "double-flip")?;
     // Not where a simulated arena may be running.
-    arena.network.sim = Endpoint {
-        group: Ipv4Addr::new(239, 255, 71, 200),
-        port: 47_200,
-    };
+    arena.network.sim = Endpoint { group: Ipv4Addr::new(239, 255, 71, 200), port: 47_200 };
     let run = u64::from(std::process::id()) << 32;
     let identity = identity("hover-controller", Domain::Sim, run, 1);
-    let setup = Setup {
-        arena,
-        secret: Secret::new([3; 32]),
-        identity,
-        started_at: clock::now(),
-        supervised: false,
-    };
+    let setup =
+        Setup { arena, secret: Secret::new([3; 32]), identity, started_at: clock::now(), supervised: false };
     let mut ratios = Vec::new();
     for round in 0..ROUNDS as u32 {
         raw(&setup, 2 * round + 1)?;

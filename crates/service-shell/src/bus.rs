@@ -41,28 +41,17 @@ impl BusSender {
     /// What the system says.
     pub fn open(network: &Network, domain: Domain) -> Result<Self, ShellError> {
         let target = endpoint(network, domain);
-        let what = || {
-            format!(
-                "opening the bus at {}:{} via {}",
-                target.group, target.port, network.interface
-            )
-        };
+        let what =
+            || format!("opening the bus at {}:{} via {}", target.group, target.port, network.interface);
         let socket = Socket::new(socket2::Domain::IPV4, Type::DGRAM, Some(Protocol::UDP)).during(what)?;
         socket.set_multicast_if_v4(&network.interface).during(what)?;
         socket.set_multicast_ttl_v4(network.ttl.min(1)).during(what)?;
         socket.set_multicast_loop_v4(true).during(what)?;
         socket.set_nonblocking(true).during(what)?;
-        socket
-            .bind(&SocketAddrV4::new(network.interface, 0).into())
-            .during(what)?;
+        socket.bind(&SocketAddrV4::new(network.interface, 0).into()).during(what)?;
         // Connected, the kernel looks up the route once instead of per datagram.
-        socket
-            .connect(&SocketAddrV4::new(target.group, target.port).into())
-            .during(what)?;
-        Ok(Self {
-            socket: OwnedFd::from(socket).into(),
-            failed: 0,
-        })
+        socket.connect(&SocketAddrV4::new(target.group, target.port).into()).during(what)?;
+        Ok(Self { socket: OwnedFd::from(socket).into(), failed: 0 })
     }
 
     /// Sends a datagram; never waits. A datagram the kernel has no room for is lost, as on any bus, and
@@ -96,12 +85,8 @@ impl BusReceiver {
     /// What the system says.
     pub fn join(network: &Network, domain: Domain, listen: Listen<'_>) -> Result<Self, ShellError> {
         let target = endpoint(network, domain);
-        let what = || {
-            format!(
-                "joining the bus at {}:{} via {}",
-                target.group, target.port, network.interface
-            )
-        };
+        let what =
+            || format!("joining the bus at {}:{} via {}", target.group, target.port, network.interface);
         let socket = Socket::new(socket2::Domain::IPV4, Type::DGRAM, Some(Protocol::UDP)).during(what)?;
         socket.set_reuse_address(true).during(what)?;
         socket.set_multicast_all_v4(false).during(what)?;
@@ -113,17 +98,10 @@ impl BusReceiver {
         let asked = network.receive_buffer_bytes as usize;
         let granted = grow_receive_buffer(&socket, asked).during(what)?;
         if granted < asked {
-            warn!(
-                asked,
-                granted, "receive buffer is smaller than asked for: raise net.core.rmem_max"
-            );
+            warn!(asked, granted, "receive buffer is smaller than asked for: raise net.core.rmem_max");
         }
-        socket
-            .bind(&SocketAddrV4::new(target.group, target.port).into())
-            .during(what)?;
-        socket
-            .join_multicast_v4(&target.group, &network.interface)
-            .during(what)?;
+        socket.bind(&SocketAddrV4::new(target.group, target.port).into()).during(what)?;
+        socket.join_multicast_v4(&target.group, &network.interface).during(what)?;
         let socket = DatagramSocket::new(OwnedFd::from(socket).into(), filter.is_some()).during(what)?;
         Ok(Self { socket })
     }
@@ -138,9 +116,7 @@ impl BusReceiver {
     /// # Errors
     /// What the system says.
     pub fn take_batch(&mut self) -> Result<usize, ShellError> {
-        self.socket
-            .take_batch()
-            .during(|| "receiving from the bus".to_owned())
+        self.socket.take_batch().during(|| "receiving from the bus".to_owned())
     }
 
     /// Waits for the next batch: how many datagrams it has, at least one.

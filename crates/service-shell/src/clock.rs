@@ -40,10 +40,7 @@ impl ClockPair {
     #[must_use]
     pub fn read() -> Self {
         let mut before = now();
-        let mut pair = Self {
-            arena: before,
-            wall_ns: 0,
-        };
+        let mut pair = Self { arena: before, wall_ns: 0 };
         for _ in 0..READINGS_MAX {
             pair.wall_ns = wall_clock_ns();
             pair.arena = now();
@@ -70,16 +67,11 @@ impl ClockPair {
 
 pub(crate) fn timespec(at: Time) -> Timespec {
     let nanos = at.as_nanos().max(1);
-    Timespec {
-        tv_sec: nanos / NANOS_PER_SECOND,
-        tv_nsec: nanos % NANOS_PER_SECOND,
-    }
+    Timespec { tv_sec: nanos / NANOS_PER_SECOND, tv_nsec: nanos % NANOS_PER_SECOND }
 }
 
 fn nanos(time: Timespec) -> i64 {
-    time.tv_sec
-        .saturating_mul(NANOS_PER_SECOND)
-        .saturating_add(time.tv_nsec)
+    time.tv_sec.saturating_mul(NANOS_PER_SECOND).saturating_add(time.tv_nsec)
 }
 
 #[cfg(test)]
@@ -100,28 +92,16 @@ mod tests {
 
     #[test]
     fn a_stamp_becomes_arena_time_by_its_age() {
-        let pair = ClockPair {
-            arena: at_ms(5_000),
-            wall_ns: 1_000_000 * MS,
-        };
+        let pair = ClockPair { arena: at_ms(5_000), wall_ns: 1_000_000 * MS };
         assert_eq!(pair.arena_time((1_000_000 - 3) * MS, at_ms(4_000)), at_ms(4_997));
     }
 
     #[test]
     fn a_step_of_the_wall_clock_stays_within_the_queues_bounds() {
-        let pair = ClockPair {
-            arena: at_ms(5_000),
-            wall_ns: 1_000_000 * MS,
-        };
+        let pair = ClockPair { arena: at_ms(5_000), wall_ns: 1_000_000 * MS };
         let year_ns = 365 * 86_400 * NANOS_PER_SECOND;
-        assert_eq!(
-            pair.arena_time(1_000_000 * MS - year_ns, at_ms(4_990)),
-            at_ms(4_990)
-        );
-        assert_eq!(
-            pair.arena_time(1_000_000 * MS + year_ns, at_ms(4_990)),
-            at_ms(5_000)
-        );
+        assert_eq!(pair.arena_time(1_000_000 * MS - year_ns, at_ms(4_990)), at_ms(4_990));
+        assert_eq!(pair.arena_time(1_000_000 * MS + year_ns, at_ms(4_990)), at_ms(5_000));
         assert_eq!(pair.arena_time(i64::MIN, at_ms(4_990)), at_ms(4_990));
         assert_eq!(pair.arena_time(i64::MAX, at_ms(4_990)), at_ms(5_000));
     }

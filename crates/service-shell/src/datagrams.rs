@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::os::fd::AsFd;
 use std::task::{Context, Poll};
 
-use quantity::{Span, Time};
+use quantity::Time;
 use socket2::Socket;
 use tokio::io::Interest;
 
@@ -13,11 +13,6 @@ use crate::ShellError;
 use crate::clock::{self, ClockPair};
 use crate::error::During;
 use crate::kernel::{BATCH, Buffers, enable_notes, queue_fill};
-
-/// A datagram that has waited longer than this in the kernel is not delivered: its reader was stopped or
-/// starved, and what it says of the past must not look like news. Longer than any age limit of commands and
-/// states.
-pub const QUEUE_AGE_MAX: Span = Span::from_millis(250);
 
 /// A datagram that was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,11 +93,7 @@ impl DatagramSocket {
         let result = socket.try_io(Interest::READABLE, || {
             taken = buffers.receive(socket)?;
             // A batch that is not full has emptied the queue: wait for the kernel's next word.
-            if taken < BATCH {
-                Err(io::ErrorKind::WouldBlock.into())
-            } else {
-                Ok(())
-            }
+            if taken < BATCH { Err(io::ErrorKind::WouldBlock.into()) } else { Ok(()) }
         });
         self.count = taken;
         if taken == BATCH && self.filtered && self.fill != Fill::Overfull {
@@ -162,9 +153,8 @@ impl DatagramSocket {
         let clocks = ClockPair::read();
         for index in 0..self.count {
             let notes = self.buffers.notes(index);
-            self.arrivals[index] = notes
-                .stamp_ns
-                .map_or(clocks.arena, |stamp| clocks.arena_time(stamp, self.empty_at));
+            self.arrivals[index] =
+                notes.stamp_ns.map_or(clocks.arena, |stamp| clocks.arena_time(stamp, self.empty_at));
             if let Some(dropped) = notes.dropped {
                 if !self.filtered || self.fill != Fill::Normal {
                     self.overflowed += u64::from(dropped.wrapping_sub(self.dropped));

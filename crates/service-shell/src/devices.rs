@@ -106,12 +106,7 @@ pub(crate) fn open(endpoints: Vec<Endpoint>) -> Result<(Transmitters, Vec<Receiv
                 let what = || format!("opening {}", endpoint.name);
                 let socket = DatagramSocket::new(socket, false).during(what)?;
                 let sender = socket.sender().during(what)?;
-                receivers.push(Receiver {
-                    port: endpoint.port,
-                    topic,
-                    socket,
-                    name: endpoint.name.clone(),
-                });
+                receivers.push(Receiver { port: endpoint.port, topic, socket, name: endpoint.name.clone() });
                 sender
             }
             None => socket,
@@ -133,10 +128,7 @@ impl Transmitters {
         let Ok(message) = wire::decode::<DeviceBytes>(published.body) else {
             return;
         };
-        let cable = self
-            .cables
-            .iter()
-            .find(|(endpoint, _)| ours(endpoint) && endpoint.port == message.port);
+        let cable = self.cables.iter().find(|(endpoint, _)| ours(endpoint) && endpoint.port == message.port);
         let Some((endpoint, socket)) = cable else {
             warn!(port = message.port, "bytes for a device that is not there");
             return;
@@ -157,9 +149,7 @@ impl Receiver {
     }
 
     pub(crate) fn take_batch(&mut self) -> Result<usize, ShellError> {
-        self.socket
-            .take_batch()
-            .during(|| format!("receiving from {}", self.name))
+        self.socket.take_batch().during(|| format!("receiving from {}", self.name))
     }
 
     pub(crate) fn datagram(&self, index: usize) -> Datagram<'_> {

@@ -101,9 +101,6 @@ pub trait During<T> {
 
 impl<T, E: Into<io::Error>> During<T> for Result<T, E> {
     fn during(self, what: impl FnOnce() -> String) -> Result<T, ShellError> {
-        self.map_err(|error| ShellError::System {
-            what: what(),
-            source: error.into(),
-        })
+        self.map_err(|error| ShellError::System { what: what(), source: error.into() })
     }
 }

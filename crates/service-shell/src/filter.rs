@@ -106,28 +106,12 @@ mod tests {
             let (read, unread) = topics::ALL.split_at(count);
             let program = instructions(read);
             for topic in read {
-                assert!(
-                    run(&program, &header(Kind::Data, topic.hash)),
-                    "{} of {count}",
-                    topic.name
-                );
-                assert!(
-                    !run(&program, &header(Kind::Schema, topic.hash)),
-                    "{} of {count}",
-                    topic.name
-                );
+                assert!(run(&program, &header(Kind::Data, topic.hash)), "{} of {count}", topic.name);
+                assert!(!run(&program, &header(Kind::Schema, topic.hash)), "{} of {count}", topic.name);
             }
             for topic in unread {
-                assert!(
-                    !run(&program, &header(Kind::Data, topic.hash)),
-                    "{} of {count}",
-                    topic.name
-                );
-                assert!(
-                    run(&program, &header(Kind::SchemaRequest, topic.hash)),
-                    "{} of {count}",
-                    topic.name
-                );
+                assert!(!run(&program, &header(Kind::Data, topic.hash)), "{} of {count}", topic.name);
+                assert!(run(&program, &header(Kind::SchemaRequest, topic.hash)), "{} of {count}", topic.name);
             }
             assert!(!run(&program, b"FM"));
             assert!(!run(&program, &[]));

@@ -24,14 +24,8 @@ const CONTROL_BYTES: usize = 128;
 
 // The notes are parsed for the layout of 64-bit Linux.
 const CMSG_HEADER_BYTES: usize = 16;
-const _: () = assert!(
-    size_of::<libc::cmsghdr>() == CMSG_HEADER_BYTES,
-    "service-shell needs 64-bit Linux"
-);
-const _: () = assert!(
-    size_of::<libc::timespec>() == 16,
-    "service-shell needs 64-bit Linux"
-);
+const _: () = assert!(size_of::<libc::cmsghdr>() == CMSG_HEADER_BYTES, "service-shell needs 64-bit Linux");
+const _: () = assert!(size_of::<libc::timespec>() == 16, "service-shell needs 64-bit Linux");
 
 /// Asks the kernel to note on each datagram when it came and how many were dropped before it.
 pub(crate) fn enable_notes(socket: &impl AsFd) -> io::Result<()> {
@@ -71,11 +65,7 @@ pub(crate) fn queue_fill(socket: &impl AsFd) -> io::Result<(u32, u32)> {
             &raw mut length,
         )
     };
-    if result == 0 {
-        Ok((memory[0], memory[1]))
-    } else {
-        Err(io::Error::last_os_error())
-    }
+    if result == 0 { Ok((memory[0], memory[1])) } else { Err(io::Error::last_os_error()) }
 }
 
 /// A descriptor that wakes the task when it becomes readable. It cannot be exchanged for another while
@@ -88,9 +78,7 @@ impl Watched {
     pub(crate) fn new(fd: OwnedFd) -> io::Result<Self> {
         // SAFETY: the OwnedFd is open and moves in here; no method hands it out by value or by exclusive
         // reference, so it stays open and the same until the AsyncFd is dropped.
-        unsafe { AsyncFd::register_with_interest(fd, Interest::READABLE) }
-            .map(Self)
-            .map_err(io::Error::from)
+        unsafe { AsyncFd::register_with_interest(fd, Interest::READABLE) }.map(Self).map_err(io::Error::from)
     }
 
     pub(crate) fn poll_readable(
@@ -154,10 +142,7 @@ impl Buffers {
             [libc::sockaddr_in; BATCH],
             Headers,
         ) = unsafe { (std::mem::zeroed(), std::mem::zeroed(), std::mem::zeroed()) };
-        let slots = self
-            .bytes
-            .chunks_exact_mut(DATAGRAM_BYTES_MAX)
-            .zip(&mut self.control);
+        let slots = self.bytes.chunks_exact_mut(DATAGRAM_BYTES_MAX).zip(&mut self.control);
         let headers = vectors.iter_mut().zip(&mut peers).zip(&mut messages);
         for (((vector, peer), message), (bytes, control)) in headers.zip(slots) {
             vector.iov_base = bytes.as_mut_ptr().cast();
@@ -223,9 +208,8 @@ fn parse_notes(mut chain: &[u8]) -> Notes {
         match (level, kind) {
             (libc::SOL_SOCKET, libc::SCM_TIMESTAMPNS) => {
                 if let (Some(seconds), Some(nanos)) = (u64_at(data, 0), u64_at(data, 8)) {
-                    let nanos_since_1970 = (seconds as i64)
-                        .saturating_mul(1_000_000_000)
-                        .saturating_add(nanos as i64);
+                    let nanos_since_1970 =
+                        (seconds as i64).saturating_mul(1_000_000_000).saturating_add(nanos as i64);
                     notes.stamp_ns = Some(nanos_since_1970);
                 }
             }
@@ -240,17 +224,11 @@ fn parse_notes(mut chain: &[u8]) -> Notes {
 }
 
 fn u64_at(bytes: &[u8], offset: usize) -> Option<u64> {
-    bytes
-        .get(offset..)?
-        .first_chunk()
-        .map(|bytes| u64::from_ne_bytes(*bytes))
+    bytes.get(offset..)?.first_chunk().map(|bytes| u64::from_ne_bytes(*bytes))
 }
 
 fn i32_at(bytes: &[u8], offset: usize) -> Option<i32> {
-    bytes
-        .get(offset..)?
-        .first_chunk()
-        .map(|bytes| i32::from_ne_bytes(*bytes))
+    bytes.get(offset..)?.first_chunk().map(|bytes| i32::from_ne_bytes(*bytes))
 }
 
 #[cfg(test)]
@@ -275,10 +253,7 @@ mod tests {
             entry(libc::SOL_SOCKET, libc::SCM_TIMESTAMPNS, &stamp),
         ]
         .concat();
-        let expected = Notes {
-            stamp_ns: Some(1_700_000_000_020_000_000),
-            dropped: Some(7),
-        };
+        let expected = Notes { stamp_ns: Some(1_700_000_000_020_000_000), dropped: Some(7) };
         assert_eq!(parse_notes(&chain), expected);
     }
 

@@ -33,7 +33,7 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 use service_core::Core;
 
 pub use bus::{BusReceiver, BusSender, endpoint};
-pub use datagrams::{Datagram, DatagramSocket, QUEUE_AGE_MAX, connect_udp, listen_udp, send_udp};
+pub use datagrams::{Datagram, DatagramSocket, connect_udp, listen_udp, send_udp};
 pub use devices::{Address, Endpoint, command_link, endpoints};
 pub use error::{During, ShellError};
 pub use filter::Listen;
@@ -45,6 +45,7 @@ pub use run_loop::{block_on, drive, run_with};
 pub use secret::{
     DEFAULT_SECRET_FILE, SECRET_FILE_VARIABLE, create_secret_if_absent, read_secret, secret_file,
 };
+pub use service_core::QUEUE_AGE_MAX;
 pub use setup::Setup;
 pub use stop::{Stop, StopReason};
 pub use timer::Timer;
@@ -59,9 +60,7 @@ struct CommandLine {
 /// A service's whole `main`: command line in, exit code out.
 #[must_use]
 pub fn run<C: Core>() -> ExitCode {
-    let command = CommandLine::command()
-        .name(C::NAME)
-        .about("A service of the arena");
+    let command = CommandLine::command().name(C::NAME).about("A service of the arena");
     let options = match CommandLine::from_arg_matches(&command.get_matches()) {
         Ok(command_line) => command_line.options,
         Err(error) => error.exit(),

@@ -16,10 +16,7 @@ use tracing_subscriber::EnvFilter;
 pub fn init_logging(filter: &str) {
     let (filter, complaint) = match EnvFilter::try_new(filter) {
         Ok(parsed) => (parsed, None),
-        Err(error) => (
-            EnvFilter::new("info"),
-            Some(format!("--log {filter:?}: {error}; logging `info`")),
-        ),
+        Err(error) => (EnvFilter::new("info"), Some(format!("--log {filter:?}: {error}; logging `info`"))),
     };
     let subscriber = tracing_subscriber::fmt()
         .with_env_filter(filter)

@@ -109,9 +109,7 @@ mod tests {
 
     fn parse(arguments: &[std::ffi::OsString]) -> Options {
         let program = std::ffi::OsString::from("estimator");
-        CommandLine::try_parse_from([program].iter().chain(arguments))
-            .unwrap()
-            .options
+        CommandLine::try_parse_from([program].iter().chain(arguments)).unwrap().options
     }
 
     #[test]
@@ -131,14 +129,7 @@ mod tests {
             ..Options::default()
         };
         let handed_on = parse(&options.to_arguments(0xab, 7));
-        assert_eq!(
-            handed_on,
-            Options {
-                run: Some(0xab),
-                incarnation: Some(7),
-                ..options
-            }
-        );
+        assert_eq!(handed_on, Options { run: Some(0xab), incarnation: Some(7), ..options });
     }
 
     #[test]

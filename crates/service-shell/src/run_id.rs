@@ -40,10 +40,7 @@ pub fn write_run(path: &Path, run: u64) -> Result<(), ShellError> {
 /// # Errors
 /// No such file, or no id in it.
 pub fn read_run(path: &Path) -> Result<u64, ShellError> {
-    let refuse = |reason: String| ShellError::Run {
-        path: path.to_owned(),
-        reason,
-    };
+    let refuse = |reason: String| ShellError::Run { path: path.to_owned(), reason };
     let text = fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
     parse_run(text.trim()).map_err(refuse)
 }

@@ -17,11 +17,11 @@ use std::task::{Context, Poll};
 use quantity::{Span, Time};
 use reflect::Seq;
 use schemas::{DeviceBytes, Topic};
-use service_core::{AnyNode, Core, Node, Published};
+use service_core::{AnyNode, Core, Node, Published, QUEUE_AGE_MAX};
 use tracing::{Instrument, info, info_span, warn};
 
 use crate::bus::{BusReceiver, BusSender};
-use crate::datagrams::{Datagram, QUEUE_AGE_MAX};
+use crate::datagrams::Datagram;
 use crate::devices::{self, Endpoint, Receiver, Transmitters};
 use crate::error::During;
 use crate::filter::Listen;
@@ -56,12 +56,7 @@ pub fn drive(setup: &Setup, node: &mut dyn AnyNode) -> Result<(), ShellError> {
             let mut stop = Stop::new(setup.supervised)?;
             let mut shell = Shell::open(setup, node, devices::endpoints(node.name(), &setup.arena))?;
             let (domain, run) = (setup.identity.domain.name(), setup.identity.run);
-            info!(
-                domain,
-                run = format!("{run:016x}"),
-                incarnation = setup.identity.incarnation,
-                "started"
-            );
+            info!(domain, run = format!("{run:016x}"), incarnation = setup.identity.incarnation, "started");
             let reason = shell.serve(node, &mut stop).await?;
             info!(steps = node.steps(), "ended: {}", reason.name());
             Ok(())
@@ -111,20 +106,13 @@ impl Shell {
     fn open(setup: &Setup, node: &dyn AnyNode, endpoints: Vec<Endpoint>) -> Result<Self, ShellError> {
         let (network, domain) = (&setup.arena.network, setup.identity.domain);
         // A bridge's device topics come from its device, not from the bus, where they are its own echo.
-        let topics: Vec<&'static Topic> = node
-            .topics_in()
-            .iter()
-            .copied()
-            .filter(|topic| topic.writer != node.name())
-            .collect();
+        let topics: Vec<&'static Topic> =
+            node.topics_in().iter().copied().filter(|topic| topic.writer != node.name()).collect();
         let (transmitters, devices) = devices::open(endpoints)?;
         Ok(Self {
             bus: BusReceiver::join(network, domain, Listen::Topics(&topics))?,
             devices,
-            outlet: Outlet {
-                bus: BusSender::open(network, domain)?,
-                transmitters,
-            },
+            outlet: Outlet { bus: BusSender::open(network, domain)?, transmitters },
             timer: Timer::new().during(|| "making a timer".to_owned())?,
             opened_at: clock::now(),
             overflowed: 0,
@@ -137,9 +125,7 @@ impl Shell {
             self.wake_if_due(node);
             self.take_devices(node)?;
             self.take_bus(node)?;
-            self.timer
-                .set(node.deadline())
-                .during(|| "setting the timer".to_owned())?;
+            self.timer.set(node.deadline()).during(|| "setting the timer".to_owned())?;
             if let Some(reason) = self.wait(stop).await? {
                 return Ok(reason);
             }
@@ -170,11 +156,7 @@ impl Shell {
                 polled = device.poll_readable(cx);
             }
         }
-        if polled.is_pending() {
-            self.bus.poll_readable(cx)
-        } else {
-            polled
-        }
+        if polled.is_pending() { self.bus.poll_readable(cx) } else { polled }
     }
 
     /// Does what is due; called between any two datagrams, so that a flood cannot delay a radio slot.
@@ -204,20 +186,11 @@ impl Shell {
                     continue;
                 }
                 let Ok(bytes) = Seq::try_from(datagram.bytes.to_vec()) else {
-                    warn!(
-                        bytes = datagram.bytes.len(),
-                        "a device's datagram is too long, and dropped"
-                    );
+                    warn!(bytes = datagram.bytes.len(), "a device's datagram is too long, and dropped");
                     continue;
                 };
-                let message = DeviceBytes {
-                    port: receiver.port,
-                    at: datagram.at,
-                    bytes,
-                };
-                node.inject(now, receiver.topic, message, &mut |published| {
-                    self.outlet.put(&published)
-                });
+                let message = DeviceBytes { port: receiver.port, at: datagram.at, bytes };
+                node.inject(now, receiver.topic, message, &mut |published| self.outlet.put(&published));
             }
             let overflowed = self.devices[device].take_overflowed();
             self.note_overflow(node, overflowed);
@@ -252,10 +225,7 @@ impl Shell {
         node.overflowed(datagrams);
         // Whenever the count doubles: a stall of seconds is a few lines.
         if before.checked_ilog2() != self.overflowed.checked_ilog2() {
-            warn!(
-                datagrams = self.overflowed,
-                "too slow: datagrams were dropped or too old when read"
-            );
+            warn!(datagrams = self.overflowed, "too slow: datagrams were dropped or too old when read");
         }
     }
 }

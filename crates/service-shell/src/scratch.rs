@@ -33,16 +33,10 @@ pub(crate) fn network() -> Network {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     let port = 20_000 + 16 * NEXT.fetch_add(1, Ordering::Relaxed);
     let process = std::process::id().to_le_bytes();
-    let endpoint = |offset| Endpoint {
-        group: Ipv4Addr::new(239, 193, process[0], process[1]),
-        port: port + offset,
-    };
-    let device = |offset| {
-        SocketAddrV4::new(
-            Ipv4Addr::new(127, 193, process[0], process[1].max(1)),
-            port + offset,
-        )
-    };
+    let endpoint =
+        |offset| Endpoint { group: Ipv4Addr::new(239, 193, process[0], process[1]), port: port + offset };
+    let device =
+        |offset| SocketAddrV4::new(Ipv4Addr::new(127, 193, process[0], process[1].max(1)), port + offset);
     Network {
         interface: Ipv4Addr::LOCALHOST,
         ttl: 0,
@@ -50,10 +44,6 @@ pub(crate) fn network() -> Network {
         live: endpoint(0),
         sim: endpoint(1),
         replay: endpoint(2),
-        devices: Devices {
-            vicon: device(3),
-            data_link: device(4),
-            command_link: device(5),
-        },
+        devices: Devices { vicon: device(3), data_link: device(4), command_link: device(5) },
     }
 }

@@ -27,10 +27,7 @@ pub fn secret_file(option: Option<&Path>) -> PathBuf {
 
 fn choose(option: Option<&Path>, variable: Option<OsString>) -> PathBuf {
     let variable = variable.filter(|value| !value.is_empty()).map(PathBuf::from);
-    option
-        .map(Path::to_owned)
-        .or(variable)
-        .unwrap_or_else(|| PathBuf::from(DEFAULT_SECRET_FILE))
+    option.map(Path::to_owned).or(variable).unwrap_or_else(|| PathBuf::from(DEFAULT_SECRET_FILE))
 }
 
 /// Reads a secret.
@@ -46,24 +43,15 @@ pub fn read_secret(path: &Path) -> Result<Secret, ShellError> {
     // Of the open file, not of its name: the name may point elsewhere a moment later.
     let mode = file.metadata().map_err(unreadable)?.permissions().mode() & 0o7777;
     if mode & FORBIDDEN_MODE != 0 {
-        return Err(ShellError::SecretMode {
-            path: path.to_owned(),
-            mode,
-        });
+        return Err(ShellError::SecretMode { path: path.to_owned(), mode });
     }
     let mut bytes = Vec::with_capacity(SECRET_BYTES + 1);
-    (&file)
-        .take(SECRET_BYTES as u64 + 1)
-        .read_to_end(&mut bytes)
-        .map_err(unreadable)?;
+    (&file).take(SECRET_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     match <[u8; SECRET_BYTES]>::try_from(bytes.as_slice()) {
         Ok(bytes) => Ok(Secret::new(bytes)),
         Err(_) => {
             let rest = std::io::copy(&mut file.take(1 << 20), &mut std::io::sink()).unwrap_or(0);
-            Err(ShellError::SecretLength {
-                path: path.to_owned(),
-                found: bytes.len() + rest as usize,
-            })
+            Err(ShellError::SecretLength { path: path.to_owned(), found: bytes.len() + rest as usize })
         }
     }
 }
@@ -82,19 +70,14 @@ pub fn create_secret_if_absent(path: &Path) -> Result<bool, ShellError> {
     // Written beside and linked into place: whoever starts at the same moment sees all of it or nothing.
     let draft = path.with_extension(format!("draft-{}", std::process::id()));
     let what = || format!("making secret file {}", path.display());
-    let mut file = OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .mode(OWNER_ONLY)
-        .open(&draft)
-        .during(what)?;
-    let written = file
-        .write_all(&random)
-        .and_then(|()| file.sync_all())
-        .and_then(|()| match fs::hard_link(&draft, path) {
+    let mut file =
+        OpenOptions::new().write(true).create_new(true).mode(OWNER_ONLY).open(&draft).during(what)?;
+    let written = file.write_all(&random).and_then(|()| file.sync_all()).and_then(|()| {
+        match fs::hard_link(&draft, path) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(false),
             linked => linked.map(|()| true),
-        });
+        }
+    });
     let removed = fs::remove_file(&draft);
     let made = written.during(what)?;
     removed.during(what)?;
@@ -140,20 +123,13 @@ mod tests {
         let path = scratch.path("state/secret");
         assert!(create_secret_if_absent(&path).unwrap());
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o7777, 0o600);
-        assert_eq!(
-            fs::metadata(path.parent().unwrap()).unwrap().permissions().mode() & 0o7777,
-            0o700
-        );
+        assert_eq!(fs::metadata(path.parent().unwrap()).unwrap().permissions().mode() & 0o7777, 0o700);
         let first = fs::read(&path).unwrap();
         assert_eq!(first.len(), SECRET_BYTES);
         assert_ne!(first, [0; SECRET_BYTES]);
         assert!(!create_secret_if_absent(&path).unwrap());
         assert_eq!(fs::read(&path).unwrap(), first);
-        assert_eq!(
-            fs::read_dir(path.parent().unwrap()).unwrap().count(),
-            1,
-            "no draft stays behind"
-        );
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1, "no draft stays behind");
         read_secret(&path).unwrap();
     }
 
@@ -176,10 +152,7 @@ mod tests {
             let path = scratch.path("secret");
             write(&path, &vec![7; length], 0o600);
             let text = read_secret(&path).unwrap_err().to_string();
-            assert!(
-                text.contains(&format!("{length} bytes")) && text.contains("has 32"),
-                "{text}"
-            );
+            assert!(text.contains(&format!("{length} bytes")) && text.contains("has 32"), "{text}");
         }
     }
 
@@ -190,10 +163,7 @@ mod tests {
         for mode in [0o640, 0o604, 0o660, 0o644, 0o610, 0o777] {
             write(&path, &[7; SECRET_BYTES], mode);
             let text = read_secret(&path).unwrap_err().to_string();
-            assert!(
-                text.contains(&format!("{mode:04o}")) && text.contains("0600"),
-                "{text}"
-            );
+            assert!(text.contains(&format!("{mode:04o}")) && text.contains("0600"), "{text}");
         }
         for mode in [0o600, 0o400] {
             write(&path, &[7; SECRET_BYTES], mode);
@@ -204,15 +174,9 @@ mod tests {
     #[test]
     fn the_option_goes_before_the_environment_and_that_before_the_default() {
         let variable = || Some(OsString::from("from/environment"));
-        assert_eq!(
-            choose(Some(Path::new("from/option")), variable()),
-            Path::new("from/option")
-        );
+        assert_eq!(choose(Some(Path::new("from/option")), variable()), Path::new("from/option"));
         assert_eq!(choose(None, variable()), Path::new("from/environment"));
-        assert_eq!(
-            choose(None, Some(OsString::new())),
-            Path::new(DEFAULT_SECRET_FILE)
-        );
+        assert_eq!(choose(None, Some(OsString::new())), Path::new(DEFAULT_SECRET_FILE));
         assert_eq!(choose(None, None), Path::new(DEFAULT_SECRET_FILE));
     }
 

@@ -32,6 +32,7 @@ impl Setup {
     /// Whatever of these cannot be used.
     pub fn load(service: &str, options: &Options) -> Result<Self, ShellError> {
         let arena = Arena::load(&options.config, &options.scenario)?;
+        service_core::check_sections(&arena)?;
         let secret = read_secret(&secret_file(options.secret_file.as_deref()))?;
         let run = match options.run {
             Some(run) => run,
@@ -39,12 +40,6 @@ impl Setup {
         };
         let incarnation = options.incarnation.unwrap_or_else(incarnation_now);
         let identity = identity(service, Domain::from(options.domain), run, incarnation);
-        Ok(Self {
-            arena,
-            secret,
-            identity,
-            started_at: clock::now(),
-            supervised: options.supervised,
-        })
+        Ok(Self { arena, secret, identity, started_at: clock::now(), supervised: options.supervised })
     }
 }

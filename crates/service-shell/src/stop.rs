@@ -96,14 +96,8 @@ mod tests {
             // Its own id is certainly not its parent's.
             stop.supervisor = Some(rustix::process::getpid());
             assert_eq!(stop.check_supervisor(start), None);
-            assert_eq!(
-                stop.check_supervisor(start + ORPHAN_SPAN - Span::from_nanos(1)),
-                None
-            );
-            assert_eq!(
-                stop.check_supervisor(start + ORPHAN_SPAN),
-                Some(StopReason::Orphaned)
-            );
+            assert_eq!(stop.check_supervisor(start + ORPHAN_SPAN - Span::from_nanos(1)), None);
+            assert_eq!(stop.check_supervisor(start + ORPHAN_SPAN), Some(StopReason::Orphaned));
             let mut alone = Stop::new(false)?;
             assert_eq!(alone.check_supervisor(start), None);
             Ok(())

@@ -14,10 +14,7 @@ use rustix::time::{
 use crate::clock;
 use crate::kernel::Watched;
 
-const NEVER: Timespec = Timespec {
-    tv_sec: 0,
-    tv_nsec: 0,
-};
+const NEVER: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 
 /// One alarm.
 #[derive(Debug)]
@@ -32,14 +29,8 @@ impl Timer {
     /// # Errors
     /// What the system says.
     pub fn new() -> io::Result<Self> {
-        let fd = timerfd_create(
-            TimerfdClockId::Monotonic,
-            TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC,
-        )?;
-        Ok(Self {
-            fd: Watched::new(fd)?,
-            set_to: None,
-        })
+        let fd = timerfd_create(TimerfdClockId::Monotonic, TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC)?;
+        Ok(Self { fd: Watched::new(fd)?, set_to: None })
     }
 
     /// Sets or clears the alarm; an instant that has passed rings at once.
@@ -51,10 +42,7 @@ impl Timer {
             return Ok(());
         }
         let value = at.map_or(NEVER, clock::timespec);
-        let setting = Itimerspec {
-            it_interval: NEVER,
-            it_value: value,
-        };
+        let setting = Itimerspec { it_interval: NEVER, it_value: value };
         timerfd_settime(&self.fd, TimerfdTimerFlags::ABSTIME, &setting)?;
         self.set_to = at;
         Ok(())

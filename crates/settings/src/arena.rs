@@ -6,8 +6,10 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::read::{in_range, malformed, read, read_inheriting, read_table};
-use crate::{ConfigError, Hall, Network, Scenario, ScenarioVehicle, Vehicle};
+use crate::read::{Source, explained, holds, merge, names_in, read_table};
+use crate::{ConfigError, Hall, Network, Scenario, ScenarioVehicle, Vehicle, places};
+
+const SERVICES_FILE: &str = "services.toml";
 
 /// A whole arena's settings, resolved and checked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,36 +43,60 @@ impl Arena {
     /// # Errors
     /// The first setting that cannot be used, with its file, its key and both values.
     pub fn load(folder: &Path, scenario_name: &str) -> Result<Self, ConfigError> {
-        let hall_path = folder.join("hall.toml");
-        let hall: Hall = read(&hall_path)?;
-        hall.check(&hall_path.display().to_string())?;
-        let network_path = folder.join("network.toml");
-        let network: Network = read(&network_path)?;
-        network.check(&network_path.display().to_string())?;
-        let services = read_table(&folder.join("services.toml"))?;
-        let scenario_path = folder.join("scenarios").join(format!("{scenario_name}.toml"));
-        let mut table = read_inheriting(&scenario_path)?;
-        let overrides = match table.remove("vehicles") {
-            None => Table::new(),
-            Some(toml::Value::Table(overrides)) => overrides,
-            Some(other) => {
-                return Err(ConfigError::Malformed {
-                    file: scenario_path.display().to_string(),
-                    reason: format!("vehicles = {other}, but it must be a table of settings laid over each vehicle"),
-                });
-            }
-        };
-        let scenario: Scenario = table.try_into().map_err(|error| malformed(&scenario_path, &error))?;
-        let file = scenario_path.display().to_string();
-        scenario.check(&file)?;
+        let hall_source = Source::read(&folder.join("hall.toml"))?;
+        let hall: Hall = hall_source.parse()?;
+        hall_source.checked(|file| hall.check(file))?;
+        let network_source = Source::read(&folder.join("network.toml"))?;
+        let network: Network = network_source.parse()?;
+        network_source.checked(|file| network.check(file))?;
+        let services = read_table(&folder.join(SERVICES_FILE))?;
+        let (source, scenario, overrides) = load_scenario(folder, scenario_name)?;
         let fleet = scenario
             .vehicles
             .iter()
-            .map(|part| load_vehicle(folder, &file, &hall, part, &overrides))
+            .map(|part| load_vehicle(folder, &source.name(), part, &overrides))
             .collect::<Result<Vec<_>, _>>()?;
         let arena = Self { name: scenario_name.to_owned(), hall, network, scenario, fleet, services };
-        arena.check_distinct(&file)?;
+        arena.check_distinct(&source.name())?;
+        places::check(&arena, &source.name())?;
+        for member in &arena.fleet {
+            network_source.checked(|file| arena.network.check_command_link(file, member.vehicle.id))?;
+        }
         Ok(arena)
+    }
+
+    /// The names of the scenarios in a folder of settings, in order.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unreadable`]: the folder has no scenarios.
+    pub fn scenarios(folder: &Path) -> Result<Vec<String>, ConfigError> {
+        names_in(&folder.join("scenarios"))
+    }
+
+    /// A number for these settings, the same on every machine: FNV-1a-64 over their canonical form, TOML with all
+    /// inheritance resolved, structs in the order of their fields and tables in that of their keys. Hashed into
+    /// recordings. How the files are laid out and commented makes no difference; every value does.
+    #[must_use]
+    pub fn digest(&self) -> u64 {
+        let canonical = toml::to_string(self).expect("what was read from TOML can be written as TOML");
+        reflect::fnv1a_64(&[canonical.as_bytes()])
+    }
+
+    /// Refuses sections of `services.toml` that belong to none of these services. A caller who knows the services gives
+    /// their names; `service_core::check_sections` is the one there is.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unknown`] with the first such section.
+    pub fn check_sections(&self, services: &[&str]) -> Result<(), ConfigError> {
+        match self.services.keys().find(|section| !services.contains(&section.as_str())) {
+            None => Ok(()),
+            Some(section) => Err(ConfigError::Unknown {
+                file: SERVICES_FILE.to_owned(),
+                key: "section".to_owned(),
+                value: section.clone(),
+                known: services.join(", "),
+            }),
+        }
     }
 
     /// A service's own section of `services.toml`; an absent section reads as an empty one.
@@ -78,11 +104,18 @@ impl Arena {
     /// # Errors
     /// An unknown or missing key, or a value of the wrong type.
     pub fn section<T: DeserializeOwned>(&self, service: &str) -> Result<T, ConfigError> {
-        let section = self.services.get(service).cloned().unwrap_or_else(|| toml::Value::Table(Table::new()));
-        section.try_into().map_err(|error: toml::de::Error| ConfigError::Malformed {
-            file: "services.toml".to_owned(),
-            reason: format!("[{service}]: {error}").trim_end().to_owned(),
-        })
+        let refused = |reason| ConfigError::Malformed { file: SERVICES_FILE.to_owned(), reason };
+        let section = match self.services.get(service) {
+            None => Table::new(),
+            Some(toml::Value::Table(section)) => section.clone(),
+            Some(other) => {
+                return Err(refused(format!("{service} = {other}, but it must be a section of settings")));
+            }
+        };
+        section
+            .clone()
+            .try_into()
+            .map_err(|error| refused(format!("[{service}] {}", explained(&section, &error))))
     }
 
     /// The vehicle with that id.
@@ -121,25 +154,81 @@ impl Arena {
     }
 }
 
+/// A scenario, and the settings it lays over its vehicles'.
+fn load_scenario(folder: &Path, name: &str) -> Result<(Source, Scenario, Table), ConfigError> {
+    let known = Arena::scenarios(folder)?;
+    if !known.iter().any(|candidate| candidate == name) {
+        return Err(ConfigError::Unknown {
+            file: folder.join("scenarios").display().to_string(),
+            key: "scenario".to_owned(),
+            value: name.to_owned(),
+            known: known.join(", "),
+        });
+    }
+    let source = Source::read(&folder.join("scenarios").join(format!("{name}.toml")))?;
+    let mut table = source.merged();
+    let overrides = match table.remove("vehicles") {
+        None => Table::new(),
+        Some(toml::Value::Table(overrides)) => overrides,
+        Some(other) => {
+            return Err(ConfigError::Malformed {
+                file: source.name(),
+                reason: format!(
+                    "vehicles = {other}, but it must be a table of settings laid over each vehicle"
+                ),
+            });
+        }
+    };
+    let scenario: Scenario = source.parse_table(table)?;
+    source.checked(|file| scenario.check(file))?;
+    Ok((source, scenario, overrides))
+}
+
 fn load_vehicle(
     folder: &Path,
     scenario_file: &str,
-    hall: &Hall,
     part: &ScenarioVehicle,
     overrides: &Table,
 ) -> Result<FleetVehicle, ConfigError> {
-    let reach_x = 0.5 * hall.width_m - hall.margin_m;
-    let reach_y = 0.5 * hall.depth_m - hall.margin_m;
-    in_range(scenario_file, "vehicle.start_x_m", part.start_x_m, -reach_x, reach_x)?;
-    in_range(scenario_file, "vehicle.start_y_m", part.start_y_m, -reach_y, reach_y)?;
-    in_range(scenario_file, "vehicle.place_x_m", part.place_x_m, -reach_x, reach_x)?;
-    in_range(scenario_file, "vehicle.place_y_m", part.place_y_m, -reach_y, reach_y)?;
-    in_range(scenario_file, "vehicle.place_z_m", part.place_z_m, hall.margin_m, hall.height_m - hall.margin_m)?;
-    in_range(scenario_file, "vehicle.heading_rad", part.heading_rad, -7.0, 7.0)?;
-    let path = folder.join("vehicles").join(format!("{}.toml", part.file));
-    let mut table = read_inheriting(&path)?;
-    crate::read::merge(&mut table, overrides.clone());
-    let vehicle: Vehicle = table.try_into().map_err(|error| malformed(&path, &error))?;
-    vehicle.check(&path.display().to_string())?;
+    let known = names_in(&folder.join("vehicles"))?;
+    if !known.contains(&part.file) {
+        return Err(ConfigError::Unknown {
+            file: scenario_file.to_owned(),
+            key: "vehicle.file".to_owned(),
+            value: part.file.clone(),
+            known: known.join(", "),
+        });
+    }
+    let source = Source::read(&folder.join("vehicles").join(format!("{}.toml", part.file)))?;
+    let mut vehicle: Vehicle = source.parse()?;
+    source.checked(|file| vehicle.check(file))?;
+    if !overrides.is_empty() {
+        // Sound before, so whatever is refused now is the scenario's doing.
+        let mut table = source.merged();
+        merge(&mut table, overrides.clone());
+        vehicle = table.clone().try_into().map_err(|error| ConfigError::Malformed {
+            file: scenario_file.to_owned(),
+            reason: format!("[vehicles] over {}: {}", source.name(), explained(&table, &error)),
+        })?;
+        vehicle.check(scenario_file).map_err(|error| in_overrides(error, overrides))?;
+    }
     Ok(FleetVehicle { vehicle, part: part.clone() })
+}
+
+/// The keys of a refusal as they are written in a scenario.
+fn in_overrides(mut error: ConfigError, overrides: &Table) -> ConfigError {
+    let rename = |key: &mut String| {
+        if holds(overrides, key) {
+            *key = format!("vehicles.{key}");
+        }
+    };
+    match &mut error {
+        ConfigError::OutOfRange { key, .. } => rename(key),
+        ConfigError::Contradiction { key, other_key, .. } => {
+            rename(key);
+            rename(other_key);
+        }
+        _ => {}
+    }
+    error
 }

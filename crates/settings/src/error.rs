@@ -21,6 +21,18 @@ pub enum ConfigError {
         /// What the parser said, with the key.
         reason: String,
     },
+    /// A name that is none of those there are.
+    #[error("{file}: {key} = {value:?}, but there is only {known}")]
+    Unknown {
+        /// The file or folder.
+        file: String,
+        /// The key, dotted.
+        key: String,
+        /// The name found.
+        value: String,
+        /// The names there are, in order.
+        known: String,
+    },
     /// A number outside its range.
     #[error("{file}: {key} = {value}, but it must lie within {min} and {max}")]
     OutOfRange {

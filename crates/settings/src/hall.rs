@@ -23,13 +23,21 @@ impl Hall {
     /// Whether a point lies inside the hall.
     #[must_use]
     pub fn contains(&self, x_m: f64, y_m: f64, z_m: f64) -> bool {
-        x_m.abs() <= 0.5 * self.width_m && y_m.abs() <= 0.5 * self.depth_m && (0.0..=self.height_m).contains(&z_m)
+        x_m.abs() <= 0.5 * self.width_m
+            && y_m.abs() <= 0.5 * self.depth_m
+            && (0.0..=self.height_m).contains(&z_m)
     }
 
     pub(crate) fn check(&self, file: &str) -> Result<(), ConfigError> {
         in_range(file, "width_m", self.width_m, 2.0, 200.0)?;
         in_range(file, "depth_m", self.depth_m, 2.0, 200.0)?;
         in_range(file, "height_m", self.height_m, 2.0, 100.0)?;
-        in_range(file, "margin_m", self.margin_m, 0.1, 0.4 * self.width_m.min(self.depth_m))
+        in_range(
+            file,
+            "margin_m",
+            self.margin_m,
+            0.1,
+            0.4 * self.width_m.min(self.depth_m).min(self.height_m),
+        )
     }
 }

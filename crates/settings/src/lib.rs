@@ -7,6 +7,7 @@ mod arena;
 mod error;
 mod hall;
 mod network;
+mod places;
 mod plant;
 mod ports;
 mod read;
@@ -18,8 +19,8 @@ pub use error::ConfigError;
 pub use hall::Hall;
 pub use network::{Devices, Endpoint, Network};
 pub use plant::{
-    AccelerometerSettings, AirSettings, BatterySettings, BodySettings, CameraSettings, ClockSettings, FloorSettings,
-    GyroSettings, LinkSettings, PlantSettings, RotorPlantSettings,
+    AccelerometerSettings, AirSettings, BatterySettings, BodySettings, CameraSettings, ClockSettings,
+    FloorSettings, GyroSettings, LinkSettings, PlantSettings, RotorPlantSettings,
 };
 pub use ports::Ports;
 pub use scenario::{FlipSettings, Scenario, ScenarioVehicle};

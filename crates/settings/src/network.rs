@@ -52,12 +52,31 @@ pub struct Devices {
 impl Network {
     pub(crate) fn check(&self, file: &str) -> Result<(), ConfigError> {
         in_range(file, "ttl", f64::from(self.ttl), 0.0, 1.0)?;
-        in_range(file, "receive_buffer_bytes", f64::from(self.receive_buffer_bytes), 65_536.0, 268_435_456.0)?;
+        in_range(
+            file,
+            "receive_buffer_bytes",
+            f64::from(self.receive_buffer_bytes),
+            65_536.0,
+            268_435_456.0,
+        )?;
+        for (key, port) in [
+            ("live.port", self.live.port),
+            ("sim.port", self.sim.port),
+            ("replay.port", self.replay.port),
+            ("devices.vicon", self.devices.vicon.port()),
+            ("devices.data_link", self.devices.data_link.port()),
+            ("devices.command_link", self.devices.command_link.port()),
+        ] {
+            in_range(file, key, f64::from(port), 1.0, 65_535.0)?;
+        }
         for (key, endpoint) in [("live", &self.live), ("sim", &self.sim), ("replay", &self.replay)] {
             if !endpoint.group.is_multicast() {
                 return Err(ConfigError::Malformed {
                     file: file.to_owned(),
-                    reason: format!("{key}.group = {} is not a multicast address (224.0.0.0/4)", endpoint.group),
+                    reason: format!(
+                        "{key}.group = {} is not a multicast address (224.0.0.0/4)",
+                        endpoint.group
+                    ),
                 });
             }
         }
@@ -75,6 +94,33 @@ impl Network {
                     other_value: format!("{}:{}", other.group, other.port),
                     reason: "each domain needs a group and a port of its own".to_owned(),
                 });
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses devices that some vehicle's command-link encoder would share an address with.
+    pub(crate) fn check_command_link(&self, file: &str, vehicle: u8) -> Result<(), ConfigError> {
+        let base = self.devices.command_link;
+        let clash = |other_key: &str, other_value: String, reason: &str| ConfigError::Contradiction {
+            file: file.to_owned(),
+            key: "devices.command_link".to_owned(),
+            value: base.to_string(),
+            other_key: other_key.to_owned(),
+            other_value,
+            reason: reason.to_owned(),
+        };
+        let Some(port) = base.port().checked_add(u16::from(vehicle)) else {
+            let reason = "an encoder's port is the first one plus the vehicle's id, at most 65535";
+            return Err(clash("a vehicle's id", vehicle.to_string(), reason));
+        };
+        let encoder = SocketAddrV4::new(*base.ip(), port);
+        for (key, device) in
+            [("devices.vicon", self.devices.vicon), ("devices.data_link", self.devices.data_link)]
+        {
+            if device == encoder {
+                let reason = format!("that is the address of vehicle {vehicle}'s command-link encoder");
+                return Err(clash(key, device.to_string(), &reason));
             }
         }
         Ok(())

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::ConfigError;
-use crate::read::in_range;
+use crate::read::{at_most, in_range};
 use crate::vehicle::Rotor;
 
 /// The truth behind one simulated vehicle.
@@ -194,13 +194,7 @@ impl LinkSettings {
         in_range(file, &format!("{key}.delay_s"), self.delay_s, 0.0, 1.0)?;
         in_range(file, &format!("{key}.jitter_s"), self.jitter_s, 0.0, 1.0)?;
         in_range(file, &format!("{key}.loss_ratio"), self.loss_ratio, 0.0, 1.0)?;
-        in_range(
-            file,
-            &format!("{key}.corruption_ratio"),
-            self.corruption_ratio,
-            0.0,
-            1.0,
-        )
+        in_range(file, &format!("{key}.corruption_ratio"), self.corruption_ratio, 0.0, 1.0)
     }
 }
 
@@ -208,12 +202,8 @@ impl PlantSettings {
     /// Makes the vehicle exactly what everybody believes it to be, in still air, with perfect sensors and
     /// links that lose nothing. Delays, battery capacity, floor and the cameras' rate stay.
     pub fn remove_departures(&mut self, rotor: &Rotor) {
-        self.body = BodySettings {
-            mass_ratio: 1.0,
-            inertia_ratio: 1.0,
-            drag_1_s: 0.0,
-            rate_drag_n_m_s2: 0.0,
-        };
+        self.body =
+            BodySettings { mass_ratio: 1.0, inertia_ratio: 1.0, drag_1_s: 0.0, rate_drag_n_m_s2: 0.0 };
         self.rotor.thrust_ratio = 1.0;
         self.rotor.spread_ratio = 0.0;
         self.rotor.gain_up_1_s = rotor.gain_up_1_s;
@@ -227,10 +217,7 @@ impl PlantSettings {
             bias_rad_s: 0.0,
             flip_bias_rad_s: 0.0,
         };
-        self.accelerometer = AccelerometerSettings {
-            noise_m_s2: 0.0,
-            bias_m_s2: 0.0,
-        };
+        self.accelerometer = AccelerometerSettings { noise_m_s2: 0.0, bias_m_s2: 0.0 };
         self.battery.droop_ratio = 0.0;
         self.battery.fade_ratio = 0.0;
         self.battery.hover_sag_v = 0.0;
@@ -253,124 +240,55 @@ impl PlantSettings {
             ("plant.body.mass_ratio", self.body.mass_ratio, 0.2, 5.0),
             ("plant.body.inertia_ratio", self.body.inertia_ratio, 0.2, 5.0),
             ("plant.body.drag_1_s", self.body.drag_1_s, 0.0, 10.0),
-            (
-                "plant.body.rate_drag_n_m_s2",
-                self.body.rate_drag_n_m_s2,
-                0.0,
-                1e-2,
-            ),
+            ("plant.body.rate_drag_n_m_s2", self.body.rate_drag_n_m_s2, 0.0, 1e-2),
             ("plant.rotor.thrust_ratio", self.rotor.thrust_ratio, 0.2, 3.0),
             ("plant.rotor.spread_ratio", self.rotor.spread_ratio, 0.0, 0.2),
             ("plant.rotor.gain_up_1_s", self.rotor.gain_up_1_s, 1.0, 1000.0),
             ("plant.rotor.gain_down_1_s", self.rotor.gain_down_1_s, 1.0, 1000.0),
-            (
-                "plant.rotor.inflow_loss_s_m",
-                self.rotor.inflow_loss_s_m,
-                0.0,
-                0.5,
-            ),
+            ("plant.rotor.inflow_loss_s_m", self.rotor.inflow_loss_s_m, 0.0, 0.5),
             ("plant.rotor.radius_m", self.rotor.radius_m, 0.01, 1.0),
-            (
-                "plant.rotor.spin_inertia_kg_m2",
-                self.rotor.spin_inertia_kg_m2,
-                0.0,
-                1e-3,
-            ),
-            (
-                "plant.rotor.speed_rad_s_max",
-                self.rotor.speed_rad_s_max,
-                10.0,
-                10_000.0,
-            ),
+            ("plant.rotor.spin_inertia_kg_m2", self.rotor.spin_inertia_kg_m2, 0.0, 1e-3),
+            ("plant.rotor.speed_rad_s_max", self.rotor.speed_rad_s_max, 10.0, 10_000.0),
             ("plant.gyro.scale_ratio", self.gyro.scale_ratio, 0.5, 2.0),
             ("plant.gyro.range_rad_s", self.gyro.range_rad_s, 1.0, 200.0),
             ("plant.gyro.noise_rad_s", self.gyro.noise_rad_s, 0.0, 5.0),
             ("plant.gyro.bias_rad_s", self.gyro.bias_rad_s, 0.0, 1.0),
             ("plant.gyro.flip_bias_rad_s", self.gyro.flip_bias_rad_s, 0.0, 1.0),
-            (
-                "plant.accelerometer.noise_m_s2",
-                self.accelerometer.noise_m_s2,
-                0.0,
-                50.0,
-            ),
-            (
-                "plant.accelerometer.bias_m_s2",
-                self.accelerometer.bias_m_s2,
-                0.0,
-                5.0,
-            ),
+            ("plant.accelerometer.noise_m_s2", self.accelerometer.noise_m_s2, 0.0, 50.0),
+            ("plant.accelerometer.bias_m_s2", self.accelerometer.bias_m_s2, 0.0, 5.0),
             ("plant.battery.full_v", self.battery.full_v, 1.0, 60.0),
-            (
-                "plant.battery.empty_v",
-                self.battery.empty_v,
-                1.0,
-                self.battery.full_v,
-            ),
-            (
-                "plant.battery.hover_endurance_s",
-                self.battery.hover_endurance_s,
-                1.0,
-                1e6,
-            ),
+            ("plant.battery.empty_v", self.battery.empty_v, 1.0, 60.0),
+            ("plant.battery.hover_endurance_s", self.battery.hover_endurance_s, 1.0, 1e6),
             ("plant.battery.droop_ratio", self.battery.droop_ratio, 0.0, 0.9),
-            (
-                "plant.battery.droop_time_s",
-                self.battery.droop_time_s,
-                0.001,
-                100.0,
-            ),
+            ("plant.battery.droop_time_s", self.battery.droop_time_s, 0.001, 100.0),
             ("plant.battery.fade_ratio", self.battery.fade_ratio, 0.0, 0.9),
             ("plant.battery.knee_ratio", self.battery.knee_ratio, 0.0, 1.0),
             ("plant.battery.hover_sag_v", self.battery.hover_sag_v, 0.0, 10.0),
-            (
-                "plant.battery.initial_charge_ratio",
-                self.battery.initial_charge_ratio,
-                0.0,
-                1.0,
-            ),
+            ("plant.battery.initial_charge_ratio", self.battery.initial_charge_ratio, 0.0, 1.0),
             ("plant.air.gust_m_s2", self.air.gust_m_s2, 0.0, 50.0),
             ("plant.air.gust_time_s", self.air.gust_time_s, 0.001, 100.0),
-            (
-                "plant.air.ground_effect_ratio",
-                self.air.ground_effect_ratio,
-                0.0,
-                5.0,
-            ),
+            ("plant.air.ground_effect_ratio", self.air.ground_effect_ratio, 0.0, 5.0),
             ("plant.camera.rate_hz", self.camera.rate_hz, 1.0, 2000.0),
-            (
-                "plant.camera.position_noise_m",
-                self.camera.position_noise_m,
-                0.0,
-                0.5,
-            ),
-            (
-                "plant.camera.attitude_noise_rad",
-                self.camera.attitude_noise_rad,
-                0.0,
-                1.0,
-            ),
+            ("plant.camera.position_noise_m", self.camera.position_noise_m, 0.0, 0.5),
+            ("plant.camera.attitude_noise_rad", self.camera.attitude_noise_rad, 0.0, 1.0),
             ("plant.camera.latency_s", self.camera.latency_s, 0.0, 0.5),
             ("plant.camera.jitter_s", self.camera.jitter_s, 0.0, 0.5),
             ("plant.camera.dropout_ratio", self.camera.dropout_ratio, 0.0, 1.0),
-            (
-                "plant.clock.drift_ratio_max",
-                self.clock.drift_ratio_max,
-                0.0,
-                1e-2,
-            ),
+            ("plant.clock.drift_ratio_max", self.clock.drift_ratio_max, 0.0, 1e-2),
             ("plant.clock.uptime_s_max", self.clock.uptime_s_max, 0.0, 1e6),
             ("plant.floor.gear_height_m", self.floor.gear_height_m, 0.0, 1.0),
             ("plant.floor.settle_time_s", self.floor.settle_time_s, 0.005, 10.0),
-            (
-                "plant.floor.crash_speed_m_s",
-                self.floor.crash_speed_m_s,
-                0.01,
-                100.0,
-            ),
+            ("plant.floor.crash_speed_m_s", self.floor.crash_speed_m_s, 0.01, 100.0),
             ("plant.floor.crash_tilt_rad", self.floor.crash_tilt_rad, 0.01, 4.0),
         ] {
             in_range(file, key, value, min, max)?;
         }
+        at_most(
+            file,
+            ("plant.battery.empty_v", self.battery.empty_v),
+            1.0,
+            ("plant.battery.full_v", self.battery.full_v),
+        )?;
         self.command_link.check(file, "plant.command_link")?;
         self.data_link.check(file, "plant.data_link")
     }

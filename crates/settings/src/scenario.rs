@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use crate::ConfigError;
-use crate::read::in_range;
+use crate::read::{at_most, in_range};
+
+/// A Jacobian computed for one rate says nothing of a flip at more than twice or less than half of it.
+const RATE_RATIO_MAX: f64 = 2.0;
 
 /// One experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -62,6 +65,18 @@ impl Scenario {
         in_range(file, "flip.flips", f64::from(flip.flips), 1.0, 10.0)?;
         in_range(file, "flip.design_rate_rad_s", flip.design_rate_rad_s, 5.0, 60.0)?;
         in_range(file, "flip.flown_rate_rad_s", flip.flown_rate_rad_s, 5.0, 60.0)?;
+        at_most(
+            file,
+            ("flip.flown_rate_rad_s", flip.flown_rate_rad_s),
+            RATE_RATIO_MAX,
+            ("flip.design_rate_rad_s", flip.design_rate_rad_s),
+        )?;
+        at_most(
+            file,
+            ("flip.design_rate_rad_s", flip.design_rate_rad_s),
+            RATE_RATIO_MAX,
+            ("flip.flown_rate_rad_s", flip.flown_rate_rad_s),
+        )?;
         in_range(file, "flip.envelope_margin_ratio", flip.envelope_margin_ratio, 0.0, 0.4)?;
         in_range(file, "flip.step_size_ratio", flip.step_size_ratio, 1e-3, 1.0)?;
         in_range(file, "flip.iterations", f64::from(flip.iterations), 1.0, 100_000.0)?;

@@ -4,7 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::ConfigError;
 use crate::plant::PlantSettings;
-use crate::read::in_range;
+use crate::read::{at_most, in_range};
+
+/// The greatest 16-bit address of a data-link radio: above are those for "none" and for everybody.
+const ADDRESS_MAX: u16 = 0xfffd;
 
 /// One vehicle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -120,7 +123,13 @@ impl Vehicle {
             in_range(file, "airframe.inertia_kg_m2", inertia, 1e-6, 5.0)?;
         }
         in_range(file, "rotor.thrust_n_max", self.rotor.thrust_n_max, 0.01, 200.0)?;
-        in_range(file, "rotor.thrust_n_min", self.rotor.thrust_n_min, 0.0, 0.5 * self.rotor.thrust_n_max)?;
+        in_range(file, "rotor.thrust_n_min", self.rotor.thrust_n_min, 0.0, 200.0)?;
+        at_most(
+            file,
+            ("rotor.thrust_n_min", self.rotor.thrust_n_min),
+            0.5,
+            ("rotor.thrust_n_max", self.rotor.thrust_n_max),
+        )?;
         in_range(file, "rotor.gain_up_1_s", self.rotor.gain_up_1_s, 1.0, 1000.0)?;
         in_range(file, "rotor.gain_down_1_s", self.rotor.gain_down_1_s, 1.0, 1000.0)?;
         in_range(file, "rotor.drag_torque_m", self.rotor.drag_torque_m, 1e-4, 1.0)?;
@@ -132,10 +141,23 @@ impl Vehicle {
         for trim in self.rate_loop.trim_ratio {
             in_range(file, "rate_loop.trim_ratio", trim, 0.5, 1.5)?;
         }
+        in_range(
+            file,
+            "links.data_address",
+            f64::from(self.links.data_address),
+            0.0,
+            f64::from(ADDRESS_MAX),
+        )?;
         in_range(file, "links.command_delay_s", self.links.command_delay_s, 0.0, 0.2)?;
         in_range(file, "links.mocap_latency_s", self.links.mocap_latency_s, 0.0, 0.2)?;
         in_range(file, "battery.land_v_min", self.battery.land_v_min, 1.0, 60.0)?;
-        in_range(file, "battery.flip_v_min", self.battery.flip_v_min, self.battery.land_v_min, 60.0)?;
+        in_range(file, "battery.flip_v_min", self.battery.flip_v_min, 1.0, 60.0)?;
+        at_most(
+            file,
+            ("battery.land_v_min", self.battery.land_v_min),
+            1.0,
+            ("battery.flip_v_min", self.battery.flip_v_min),
+        )?;
         in_range(file, "battery.hover_sag_v", self.battery.hover_sag_v, 0.0, 10.0)?;
         self.plant.check(file)
     }

@@ -1,19 +1,18 @@
 //! The driver in virtual time.
 
-use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use plant::random::{Purpose, Stream};
 use plant::{DeviceOutput, ManeuverTruth, Plant, Truth};
-use reflect::Seq;
 use quantity::{Span, Time};
+use reflect::Seq;
 use schemas::{DeviceBytes, PlantManeuver, PlantTruth, Topic, topics};
-use service_core::{AnyNode, Identity, Published, Publisher, Seed};
+use service_core::{AnyNode, Identity, Published, Publisher, QUEUE_AGE_MAX, Seed};
 use settings::{Arena, ConfigError, Ports};
 use wire::{Domain, Secret};
 
+use crate::bus::{Arrival, Bus};
 use crate::network::NetworkFaults;
-use crate::queue::{Arrival, Queue};
 
 /// Builds a service's node by name; the roster's, or a test's with one core replaced.
 pub type NodeFactory = dyn Fn(&str, &Arena, &Secret, Identity, Time) -> Result<Box<dyn AnyNode>, ConfigError>;
@@ -29,12 +28,39 @@ pub struct Heard<'a> {
     pub published: Published<'a>,
 }
 
+/// One service: its process, if it is alive, and the sockets of that process.
 struct Seat {
     name: String,
     node: Option<Box<dyn AnyNode>>,
     deadline: Time,
-    paused_until: Time,
+    /// Stopped, as by SIGSTOP, until then.
+    paused_until: Option<Time>,
+    /// What has arrived at a stopped process, and when.
+    waiting: Vec<(Time, Incoming)>,
     starts: u32,
+}
+
+/// Something at the door of a process.
+#[derive(Clone, Debug)]
+enum Incoming {
+    Bus(Rc<[u8]>),
+    Device(&'static Topic, DeviceBytes),
+}
+
+/// Every datagram that was sent, in one number.
+struct Log {
+    digest: blake3::Hasher,
+    datagrams: u64,
+}
+
+impl Log {
+    fn note(&mut self, now: Time, datagram: &[u8]) {
+        let mut line = [0_u8; size_of::<i64>() + wire::TAG_BYTES];
+        line[..8].copy_from_slice(&now.as_nanos().to_le_bytes());
+        line[8..].copy_from_slice(&datagram[datagram.len() - wire::TAG_BYTES..]);
+        self.digest.update(&line);
+        self.datagrams += 1;
+    }
 }
 
 /// A whole arena in virtual time.
@@ -46,16 +72,13 @@ pub struct VirtualArena<'f> {
     seed: u64,
     factory: &'f NodeFactory,
     seats: Vec<Seat>,
-    subscribers: BTreeMap<u32, Vec<usize>>,
-    queue: Queue,
+    bus: Bus,
     plant: Plant,
     truth: Publisher,
     truth_at: Time,
     maneuvers: Vec<ManeuverTruth>,
-    network: NetworkFaults,
-    network_random: Stream,
-    digest: blake3::Hasher,
-    datagrams: u64,
+    log: Log,
+    idle_wakes: u32,
 }
 
 /// Virtual time starts here, so that nothing before the start is negative on the wire.
@@ -64,7 +87,10 @@ const START: Time = Time::from_nanos(1_000_000_000);
 const FINITE: &str = "the truth is finite";
 /// What one message of device bytes holds at most.
 const DEVICE_BYTES_MAX: usize = 1472;
+/// How often the simulator tells the truth.
 const TRUTH_PERIOD: Span = Span::from_millis(20);
+/// A node that asks so often to be woken at one and the same instant would never let time go on.
+const IDLE_WAKES_MAX: u32 = 10_000;
 
 impl<'f> VirtualArena<'f> {
     /// An arena with the named services, all started at the same instant.
@@ -80,38 +106,33 @@ impl<'f> VirtualArena<'f> {
         // No other process sees these datagrams: the secret need only differ from one seed to the next.
         let secret = Secret::new(blake3::derive_key("flyarena virtual arena secret", &seed.to_le_bytes()));
         let run = Stream::new(seed, Purpose::Run, 0).bits();
-        let identity = identity("simulator", 0, run, seed);
+        let seat = |name: &&str| Seat {
+            name: (*name).to_owned(),
+            node: None,
+            deadline: Time::FAR_FUTURE,
+            paused_until: None,
+            waiting: Vec::new(),
+            starts: 0,
+        };
         let mut arena = Self {
             now: START,
             settings: settings.clone(),
-            truth: Publisher::new("simulator", &secret, identity),
+            truth: Publisher::new("simulator", &secret, identity("simulator", 0, run, seed)),
             truth_at: START,
             maneuvers: Vec::new(),
             secret,
             run,
             seed,
             factory,
-            seats: Vec::new(),
-            subscribers: BTreeMap::new(),
-            queue: Queue::default(),
+            seats: services.iter().map(seat).collect(),
+            bus: Bus::new(services, Stream::new(seed, Purpose::Network, 0)),
             plant: Plant::new(settings, seed, START).map_err(|error| ConfigError::Malformed {
                 file: format!("scenario {}", settings.name),
                 reason: error.to_string(),
             })?,
-            network: NetworkFaults::default(),
-            network_random: Stream::new(seed, Purpose::Network, 0),
-            digest: blake3::Hasher::new(),
-            datagrams: 0,
+            log: Log { digest: blake3::Hasher::new(), datagrams: 0 },
+            idle_wakes: 0,
         };
-        for name in services {
-            arena.seats.push(Seat {
-                name: (*name).to_owned(),
-                node: None,
-                deadline: Time::FAR_FUTURE,
-                paused_until: Time::ZERO,
-                starts: 0,
-            });
-        }
         for index in 0..arena.seats.len() {
             arena.start_seat(index)?;
         }
@@ -148,19 +169,19 @@ impl<'f> VirtualArena<'f> {
 
     /// The network, to make it bad.
     pub fn network_mut(&mut self) -> &mut NetworkFaults {
-        &mut self.network
+        self.bus.faults_mut()
     }
 
     /// Datagrams sent so far.
     #[must_use]
     pub fn datagrams(&self) -> u64 {
-        self.datagrams
+        self.log.datagrams
     }
 
     /// Digest of every datagram sent so far, in order: each one's instant and its tag, which covers its every byte.
     #[must_use]
     pub fn digest(&self) -> String {
-        self.digest.finalize().to_hex().to_string()
+        self.log.digest.finalize().to_hex().to_string()
     }
 
     /// The node of that name, if it is alive.
@@ -169,103 +190,120 @@ impl<'f> VirtualArena<'f> {
         self.seats.iter().find(|seat| seat.name == name).and_then(|seat| seat.node.as_deref())
     }
 
-    /// Runs until `end`, telling `observe` of every datagram.
+    /// Runs until `end`, telling `observe` of every datagram; an `end` that has passed changes nothing. In how many
+    /// calls a span is run through makes no difference to what is sent.
+    ///
+    /// # Panics
+    /// A node that asks without end to be woken at one instant: it would never let time go on.
     pub fn run_until(&mut self, end: Time, observe: &mut dyn FnMut(Heard<'_>)) {
         while self.step(end, observe) {}
-        self.now = end;
-        // Nothing comes out before the plant's next event; this only brings its state up to the instant asked for.
-        self.plant.advance(end, &mut |output: DeviceOutput<'_>| {
-            debug_assert!(false, "{:?} spoke before the plant's next event", output.device);
-        });
+        self.now = self.now.max(end);
+        // Nothing comes out before the plant's next event; this brings its state up to the instant asked for.
+        self.advance_plant(observe);
     }
 
     /// Runs for `span`; see [`VirtualArena::run_until`].
+    ///
+    /// # Panics
+    /// As [`VirtualArena::run_until`].
     pub fn run_for(&mut self, span: Span, observe: &mut dyn FnMut(Heard<'_>)) {
         self.run_until(self.now + span, observe);
     }
 
-    /// Does what is due next, if that is not after `end`; says whether something was.
-    pub fn step(&mut self, end: Time, observe: &mut dyn FnMut(Heard<'_>)) -> bool {
-        let plant_at = self.plant.next_event();
-        let queue_at = self.queue.next_at();
-        let (node_at, node) = self.next_deadline();
-        let at = plant_at.min(queue_at).min(node_at).max(self.now);
-        if at > end {
-            return false;
-        }
-        self.now = at;
-        if plant_at <= at {
-            self.advance_plant(observe);
-        } else if queue_at <= at {
-            if let Some((_, arrival)) = self.queue.take() {
-                self.arrive(arrival, observe);
-            }
-        } else {
-            self.with_node(node, observe, |node, now, sink| node.wake(now, sink));
-        }
-        true
-    }
-
-    /// Ends a service at once, as `kill -9` would.
+    /// Ends a service at once, as `kill -9` would; what has arrived at it is gone.
+    ///
+    /// # Panics
+    /// No service has that name: a fault that hits nobody proves nothing.
     pub fn kill(&mut self, name: &str) {
-        if let Some(seat) = self.seats.iter_mut().find(|seat| seat.name == name) {
-            seat.node = None;
-            seat.deadline = Time::FAR_FUTURE;
-        }
+        let index = self.seat_of(name);
+        self.seats[index].end();
     }
 
     /// Starts a service anew, with a higher incarnation and no memory.
     ///
     /// # Errors
     /// A setting the service cannot work with.
+    ///
+    /// # Panics
+    /// No service has that name.
     pub fn restart(&mut self, name: &str) -> Result<(), ConfigError> {
-        match self.seats.iter().position(|seat| seat.name == name) {
-            Some(index) => self.start_seat(index),
-            None => Ok(()),
-        }
+        self.start_seat(self.seat_of(name))
     }
 
-    /// Stops a service for a while, as SIGSTOP would; what arrives meanwhile waits for it.
+    /// Stops a service for a while, as SIGSTOP would: what arrives meanwhile waits for it, and what has waited longer
+    /// than [`QUEUE_AGE_MAX`] is dropped unread, as `service-shell` does.
+    ///
+    /// # Panics
+    /// No service has that name.
     pub fn pause(&mut self, name: &str, span: Span) {
         let until = self.now + span;
-        if let Some(index) = self.seats.iter().position(|seat| seat.name == name) {
-            self.seats[index].paused_until = until;
-            self.queue.send(until, Arrival::Resume { node: index });
-        }
+        let index = self.seat_of(name);
+        self.seats[index].paused_until = Some(until);
+        self.bus.send(until, Arrival::Resume { node: index });
     }
 
     /// Throws bytes at every node, past the kernel's filter.
     pub fn throw(&mut self, bytes: &[u8]) {
         let bytes: Rc<[u8]> = Rc::from(bytes);
         for node in 0..self.seats.len() {
-            self.queue.send(self.now, Arrival::Datagram { node, bytes: Rc::clone(&bytes) });
+            self.bus.send(self.now, Arrival::Datagram { node, bytes: Rc::clone(&bytes) });
         }
+    }
+
+    fn seat_of(&self, name: &str) -> usize {
+        let found = self.seats.iter().position(|seat| seat.name == name);
+        found.unwrap_or_else(|| panic!("no service of this arena is called {name}"))
     }
 
     fn start_seat(&mut self, index: usize) -> Result<(), ConfigError> {
         let seat = &mut self.seats[index];
+        seat.end();
         seat.starts += 1;
         let identity = identity(&seat.name, seat.starts, self.run, self.seed);
         let node = (self.factory)(&seat.name, &self.settings, &self.secret, identity, self.now)?;
-        let own_name = seat.name.clone();
-        for topic in node.topics_in() {
-            let list = self.subscribers.entry(topic.hash).or_default();
-            if topic.writer != own_name && !list.contains(&index) {
-                list.push(index);
-                list.sort_unstable();
-            }
-        }
+        self.bus.subscribe(index, &seat.name, node.topics_in());
         seat.deadline = node.deadline().unwrap_or(Time::FAR_FUTURE);
         seat.node = Some(node);
         Ok(())
     }
 
+    /// Does what is due next, if that is not after `end`; says whether something was.
+    fn step(&mut self, end: Time, observe: &mut dyn FnMut(Heard<'_>)) -> bool {
+        let world_at = self.plant.next_event().min(self.truth_at);
+        let bus_at = self.bus.next_at();
+        let (node_at, node) = self.next_deadline();
+        let at = world_at.min(bus_at).min(node_at).max(self.now);
+        if at > end {
+            return false;
+        }
+        if at > self.now {
+            self.idle_wakes = 0;
+        }
+        self.now = at;
+        if world_at <= at {
+            self.advance_plant(observe);
+            self.publish_truth(observe);
+        } else if bus_at <= at {
+            if let Some(arrival) = self.bus.take() {
+                self.arrive(arrival, observe);
+            }
+        } else {
+            self.with_node(node, observe, |node, now, sink| node.wake(now, sink));
+            self.idle_wakes += 1;
+            assert!(
+                self.idle_wakes < IDLE_WAKES_MAX,
+                "{} asks without end to be woken at {at}",
+                self.seats[node].name
+            );
+        }
+        true
+    }
+
     fn next_deadline(&self) -> (Time, usize) {
         let mut earliest = (Time::FAR_FUTURE, usize::MAX);
         for (index, seat) in self.seats.iter().enumerate() {
-            let at = seat.deadline.max(seat.paused_until);
-            if seat.deadline < Time::FAR_FUTURE && at < earliest.0 {
-                earliest = (at, index);
+            if seat.paused_until.is_none() && seat.deadline < earliest.0 {
+                earliest = (seat.deadline, index);
             }
         }
         earliest
@@ -273,68 +311,98 @@ impl<'f> VirtualArena<'f> {
 
     fn arrive(&mut self, arrival: Arrival, observe: &mut dyn FnMut(Heard<'_>)) {
         match arrival {
-            Arrival::Datagram { node, bytes } => {
-                if self.seats[node].paused_until > self.now {
-                    let until = self.seats[node].paused_until;
-                    self.queue.send(until, Arrival::Datagram { node, bytes });
-                    return;
-                }
-                self.with_node(node, observe, |node, now, sink| {
-                    // A refusal is counted by the node; tests read the counters.
-                    let _ = node.receive(now, &bytes, sink);
-                });
-            }
-            Arrival::Resume { node } => self.with_node(node, observe, |node, now, sink| node.wake(now, sink)),
+            Arrival::Datagram { node, bytes } => self.hand(node, Incoming::Bus(bytes), observe),
+            Arrival::Resume { node } => self.resume(node, observe),
         }
     }
 
+    /// Hands a process what has come for it, or lets it wait at the door of one that is stopped.
+    fn hand(&mut self, index: usize, incoming: Incoming, observe: &mut dyn FnMut(Heard<'_>)) {
+        let seat = &mut self.seats[index];
+        if seat.paused_until.is_some() {
+            seat.waiting.push((self.now, incoming));
+            return;
+        }
+        self.with_node(index, observe, |node, now, sink| match incoming {
+            Incoming::Bus(bytes) => {
+                // A refusal is counted by the node; tests read the counters.
+                let _ = node.receive(now, &bytes, sink);
+            }
+            Incoming::Device(topic, bytes) => node.inject(now, topic, bytes, sink),
+        });
+    }
+
+    /// Lets a stopped process go on: it looks at its deadline first and between any two datagrams, as the shell does.
+    fn resume(&mut self, index: usize, observe: &mut dyn FnMut(Heard<'_>)) {
+        let seat = &mut self.seats[index];
+        if seat.paused_until.is_none_or(|until| until > self.now) {
+            // Stopped anew since, or dead.
+            return;
+        }
+        seat.paused_until = None;
+        let waiting = std::mem::take(&mut seat.waiting);
+        self.wake_if_due(index, observe);
+        for (at, incoming) in waiting {
+            if self.now - at > QUEUE_AGE_MAX {
+                self.with_node(index, observe, |node, _, _| node.overflowed(1));
+            } else {
+                self.hand(index, incoming, observe);
+                self.wake_if_due(index, observe);
+            }
+        }
+    }
+
+    fn wake_if_due(&mut self, index: usize, observe: &mut dyn FnMut(Heard<'_>)) {
+        if self.seats[index].deadline <= self.now {
+            self.with_node(index, observe, |node, now, sink| node.wake(now, sink));
+        }
+    }
+
+    /// Brings the plant up to now, and what its devices say to the bridges.
     fn advance_plant(&mut self, observe: &mut dyn FnMut(Heard<'_>)) {
-        let now = self.now;
-        let mut outputs: Vec<(&'static Topic, &'static str, DeviceBytes)> = Vec::new();
-        self.plant.advance(now, &mut |output: DeviceOutput<'_>| {
-            let (topic, bridge, port) = match output.device {
-                plant::Device::Vicon => (&topics::VICON_RX, "vicon-bridge", Ports::VICON),
-                plant::Device::DataLink => (&topics::RADIO_RX, "radio-bridge", Ports::DATA_LINK),
+        let mut outputs: Vec<(&'static Topic, DeviceBytes)> = Vec::new();
+        self.plant.advance(self.now, &mut |output: DeviceOutput<'_>| {
+            let (topic, port) = match output.device {
+                plant::Device::Vicon => (&topics::VICON_RX, Ports::VICON),
+                plant::Device::DataLink => (&topics::RADIO_RX, Ports::DATA_LINK),
             };
             for piece in output.bytes.chunks(DEVICE_BYTES_MAX) {
-                let bytes = Seq::try_from(piece).unwrap_or_default();
-                outputs.push((topic, bridge, DeviceBytes { port, at: output.at, bytes }));
+                let bytes = Seq::try_from(piece).expect("a piece is not longer than that");
+                outputs.push((topic, DeviceBytes { port, at: output.at, bytes }));
             }
         });
-        self.publish_truth(observe);
-        for (topic, bridge, bytes) in outputs {
-            let seat = self.seats.iter().position(|seat| seat.name == bridge && seat.paused_until <= now);
-            if let Some(index) = seat {
-                self.with_node(index, observe, |node, now, sink| node.inject(now, topic, bytes, sink));
+        for (topic, bytes) in outputs {
+            // A device sends whether its bridge is there or not.
+            if let Some(index) = self.seats.iter().position(|seat| seat.name == topic.writer) {
+                self.hand(index, Incoming::Device(topic, bytes), observe);
             }
         }
     }
 
+    /// Tells the truth when it is due: at instants of its own, so that it does not matter how far and how often the
+    /// plant was brought up to date in between.
     fn publish_truth(&mut self, observe: &mut dyn FnMut(Heard<'_>)) {
+        if self.now < self.truth_at {
+            return;
+        }
+        self.truth_at += TRUTH_PERIOD;
         let now = self.now;
-        let mut sent: Vec<Vec<u8>> = Vec::new();
-        let Self { truth, digest, datagrams, plant, truth_at, settings, maneuvers, .. } = self;
+        let Self { truth, log, bus, plant, settings, maneuvers, .. } = self;
         let mut sink = |published: Published<'_>| {
-            note(digest, datagrams, now, published.datagram);
+            log.note(now, published.datagram);
             observe(Heard { at: now, from: "simulator", published });
-            sent.push(published.datagram.to_vec());
+            bus.carry(now, "simulator", &published);
         };
+        for member in &settings.fleet {
+            if let Some(state) = plant.truth(member.vehicle.id) {
+                let message = truth_message(member.vehicle.id, now, &state);
+                truth.publish(now, &topics::PLANT_TRUTH, &message, &mut sink).expect(FINITE);
+            }
+        }
         for maneuver in plant.maneuver_truths() {
             let message = maneuver_message(&maneuver);
             truth.publish(now, &topics::PLANT_MANEUVER, &message, &mut sink).expect(FINITE);
             maneuvers.push(maneuver);
-        }
-        if now >= *truth_at {
-            *truth_at = now + TRUTH_PERIOD;
-            for member in &settings.fleet {
-                if let Some(state) = plant.truth(member.vehicle.id) {
-                    let message = truth_message(member.vehicle.id, now, &state);
-                    truth.publish(now, &topics::PLANT_TRUTH, &message, &mut sink).expect(FINITE);
-                }
-            }
-        }
-        for datagram in sent {
-            self.send("simulator", &datagram);
         }
     }
 
@@ -345,80 +413,33 @@ impl<'f> VirtualArena<'f> {
         observe: &mut dyn FnMut(Heard<'_>),
         act: impl FnOnce(&mut dyn AnyNode, Time, &mut dyn FnMut(Published<'_>)),
     ) {
-        let Some(mut node) = self.seats[index].node.take() else { return };
-        let now = self.now;
-        {
-            let Self { seats, subscribers, queue, plant, network, network_random, digest, datagrams, .. } = self;
-            let from = seats[index].name.as_str();
-            let mut sink = |published: Published<'_>| {
-                note(digest, datagrams, now, published.datagram);
-                observe(Heard { at: now, from, published });
-                if published.topic == &topics::RADIO_TX
-                    && published.is_data()
-                    && let Ok(bytes) = wire::decode::<DeviceBytes>(published.body)
-                {
-                    plant.receive(now, bytes.port, &bytes.bytes);
-                }
-                route(seats, subscribers, queue, network, network_random, now, from, &published);
-            };
-            act(node.as_mut(), now, &mut sink);
-        }
-        let seat = &mut self.seats[index];
+        let Self { seats, bus, plant, log, now, .. } = self;
+        let (now, seat) = (*now, &mut seats[index]);
+        let Some(node) = seat.node.as_mut() else { return };
+        let from = seat.name.as_str();
+        let mut sink = |published: Published<'_>| {
+            log.note(now, published.datagram);
+            observe(Heard { at: now, from, published });
+            if published.topic == &topics::RADIO_TX
+                && published.is_data()
+                && let Ok(bytes) = wire::decode::<DeviceBytes>(published.body)
+            {
+                plant.receive(now, bytes.port, &bytes.bytes);
+            }
+            bus.carry(now, from, &published);
+        };
+        act(node.as_mut(), now, &mut sink);
         seat.deadline = node.deadline().unwrap_or(Time::FAR_FUTURE);
-        seat.node = Some(node);
-    }
-
-    fn send(&mut self, from: &str, datagram: &[u8]) {
-        let Self { seats, subscribers, queue, network, network_random, now, .. } = self;
-        if let Ok(opened) = wire::open(datagram) {
-            let hash = opened.topic().hash();
-            deliver(seats, subscribers, queue, network, network_random, *now, from, hash, datagram);
-        }
     }
 }
 
-fn note(digest: &mut blake3::Hasher, datagrams: &mut u64, now: Time, datagram: &[u8]) {
-    let mut line = [0_u8; 24];
-    line[..8].copy_from_slice(&now.as_nanos().to_le_bytes());
-    line[8..].copy_from_slice(&datagram[datagram.len() - wire::TAG_BYTES..]);
-    digest.update(&line);
-    *datagrams += 1;
-}
-
-#[allow(clippy::too_many_arguments, reason = "the borrowed parts of one struct, split so that a node may be lent out")]
-fn route(
-    seats: &[Seat],
-    subscribers: &BTreeMap<u32, Vec<usize>>,
-    queue: &mut Queue,
-    network: &NetworkFaults,
-    random: &mut Stream,
-    now: Time,
-    from: &str,
-    published: &Published<'_>,
-) {
-    if published.is_data() {
-        deliver(seats, subscribers, queue, network, random, now, from, published.topic.hash, published.datagram);
-    }
-}
-
-#[allow(clippy::too_many_arguments, reason = "the borrowed parts of one struct, split so that a node may be lent out")]
-fn deliver(
-    seats: &[Seat],
-    subscribers: &BTreeMap<u32, Vec<usize>>,
-    queue: &mut Queue,
-    network: &NetworkFaults,
-    random: &mut Stream,
-    now: Time,
-    from: &str,
-    hash: u32,
-    datagram: &[u8],
-) {
-    let Some(receivers) = subscribers.get(&hash).filter(|list| !list.is_empty()) else { return };
-    let bytes: Rc<[u8]> = Rc::from(datagram);
-    for &node in receivers {
-        network.deliveries(from, &seats[node].name, &bytes, random, |delay, bytes| {
-            queue.send(now + delay, Arrival::Datagram { node, bytes });
-        });
+impl Seat {
+    /// The process is gone, and its sockets with it.
+    fn end(&mut self) {
+        self.node = None;
+        self.deadline = Time::FAR_FUTURE;
+        self.paused_until = None;
+        self.waiting.clear();
     }
 }
 

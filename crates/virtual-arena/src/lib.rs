@@ -5,6 +5,7 @@
 //! same seed therefore gives the same datagrams in the same order, and [`VirtualArena::digest`] is the proof.
 
 mod arena;
+mod bus;
 mod network;
 mod queue;
 

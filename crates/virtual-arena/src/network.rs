@@ -52,7 +52,8 @@ impl NetworkFaults {
         random: &mut Stream,
         mut deliver: impl FnMut(Span, Rc<[u8]>),
     ) {
-        let mut delay = self.delay + Span::from_nanos((self.jitter.as_nanos() as f64 * random.uniform()) as i64);
+        let mut delay =
+            self.delay + Span::from_nanos((self.jitter.as_nanos() as f64 * random.uniform()) as i64);
         if !self.is_bad() {
             deliver(delay, Rc::clone(bytes));
             return;

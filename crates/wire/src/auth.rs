@@ -38,10 +38,7 @@ impl Secret {
     /// # Errors
     /// Anything but 32 bytes: a file cut short, or one edited as text.
     pub fn from_file_bytes(bytes: &[u8]) -> Result<Self, SecretError> {
-        bytes
-            .try_into()
-            .map(Self)
-            .map_err(|_| SecretError { length: bytes.len() })
+        bytes.try_into().map(Self).map_err(|_| SecretError { length: bytes.len() })
     }
 }
 
@@ -82,16 +79,8 @@ impl Key {
     fn derive(secret: &Secret, domain: Domain, run: u64, role: Role) -> Self {
         let mut hasher = blake3::Hasher::new_derive_key(DERIVATION_CONTEXT);
         // Fixed lengths first and the only variable one last, so that no two inputs read alike.
-        hasher
-            .update(&secret.0)
-            .update(&[domain as u8])
-            .update(&run.to_le_bytes())
-            .update(role.0.as_bytes());
-        Self {
-            bytes: *hasher.finalize().as_bytes(),
-            domain,
-            run,
-        }
+        hasher.update(&secret.0).update(&[domain as u8]).update(&run.to_le_bytes()).update(role.0.as_bytes());
+        Self { bytes: *hasher.finalize().as_bytes(), domain, run }
     }
 
     fn describe(&self, name: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -11,10 +11,8 @@ pub const BODY_BYTES_MAX: usize = 60_000;
 /// Bounds what a decoder may read or reserve; without it one hostile length aborts the process.
 const LIMIT: usize = 65_536;
 
-const CONFIG: Configuration<LittleEndian, Fixint, Limit<LIMIT>> = bincode::config::standard()
-    .with_little_endian()
-    .with_fixed_int_encoding()
-    .with_limit::<LIMIT>();
+const CONFIG: Configuration<LittleEndian, Fixint, Limit<LIMIT>> =
+    bincode::config::standard().with_little_endian().with_fixed_int_encoding().with_limit::<LIMIT>();
 
 /// Why a message has no body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -95,10 +93,7 @@ pub fn encode<M: Message>(message: &M, out: &mut Vec<u8>) -> Result<(), EncodeEr
         return Err(EncodeError::NotFinite { message: name });
     }
     let start = out.len();
-    let mut appender = Appender {
-        out,
-        end_max: start + BODY_BYTES_MAX,
-    };
+    let mut appender = Appender { out, end_max: start + BODY_BYTES_MAX };
     let result = bincode::serde::encode_into_writer(message, &mut appender, CONFIG);
     result.map_err(|error| {
         out.truncate(start);
@@ -121,11 +116,7 @@ pub fn decode<M: Message>(body: &[u8]) -> Result<M, DecodeError> {
     let (decoded, read): (M, usize) = bincode::serde::decode_from_slice(body, CONFIG)
         .map_err(|_| DecodeError::Unreadable { message, length })?;
     if read != length {
-        return Err(DecodeError::Trailing {
-            message,
-            read,
-            length,
-        });
+        return Err(DecodeError::Trailing { message, read, length });
     }
     if !decoded.all_finite() {
         return Err(DecodeError::NotFinite { message });

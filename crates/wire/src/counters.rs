@@ -23,14 +23,8 @@ pub enum DropReason {
 
 impl DropReason {
     /// Every reason, in the order of the checks.
-    pub const ALL: [Self; 6] = [
-        Self::Malformed,
-        Self::Unauthentic,
-        Self::Domain,
-        Self::Run,
-        Self::Replayed,
-        Self::Undecodable,
-    ];
+    pub const ALL: [Self; 6] =
+        [Self::Malformed, Self::Unauthentic, Self::Domain, Self::Run, Self::Replayed, Self::Undecodable];
 
     /// The reason's name, lower case.
     #[must_use]

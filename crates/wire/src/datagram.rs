@@ -67,12 +67,7 @@ pub fn seal(
 /// [`Malformed`], with what was found.
 pub fn open(datagram: &[u8]) -> Result<Unverified<'_>, Malformed> {
     let (header, topic, body) = Header::parse(datagram)?;
-    Ok(Unverified {
-        header,
-        topic,
-        body,
-        datagram,
-    })
+    Ok(Unverified { header, topic, body, datagram })
 }
 
 /// A datagram whose sender is not known yet: what it says serves to find the key, and to be recorded.
@@ -121,11 +116,7 @@ impl<'a> Unverified<'a> {
         if !holds {
             return Err(DropReason::Unauthentic);
         }
-        Ok(Authentic(Content {
-            header: self.header,
-            topic: self.topic,
-            body: &self.datagram[self.body],
-        }))
+        Ok(Authentic(Content { header: self.header, topic: self.topic, body: &self.datagram[self.body] }))
     }
 }
 
@@ -188,11 +179,7 @@ impl<'a> Fresh<'a> {
     pub fn decode<M: Message>(&self, schema_id: u64) -> Result<M, DecodeError> {
         let found = self.0.header.schema_id;
         if found != schema_id {
-            return Err(DecodeError::Schema {
-                message: M::SCHEMA.name,
-                expected: schema_id,
-                found,
-            });
+            return Err(DecodeError::Schema { message: M::SCHEMA.name, expected: schema_id, found });
         }
         codec::decode(self.0.body)
     }

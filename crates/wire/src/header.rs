@@ -116,10 +116,7 @@ impl<'a> TopicName<'a> {
         if name.is_empty() || name.len() > TOPIC_BYTES_MAX {
             return None;
         }
-        Some(Self {
-            name,
-            hash: reflect::fnv1a_32(name.as_bytes()),
-        })
+        Some(Self { name, hash: reflect::fnv1a_32(name.as_bytes()) })
     }
 
     /// The name.
@@ -218,33 +215,23 @@ impl Header {
     pub(crate) fn parse(datagram: &[u8]) -> Result<(Self, TopicName<'_>, Range<usize>), Malformed> {
         let length = datagram.len();
         let shortest = HEADER_BYTES + 1 + TAG_BYTES;
-        let (bytes, rest) = datagram.split_first_chunk().ok_or(Malformed::Short {
-            length,
-            needed: shortest,
-        })?;
+        let (bytes, rest) =
+            datagram.split_first_chunk().ok_or(Malformed::Short { length, needed: shortest })?;
         let header = Self::parse_fixed(bytes)?;
         let start = HEADER_BYTES + usize::from(bytes[6]);
         if length < start + TAG_BYTES {
-            return Err(Malformed::Short {
-                length,
-                needed: start + TAG_BYTES,
-            });
+            return Err(Malformed::Short { length, needed: start + TAG_BYTES });
         }
         let end = length - TAG_BYTES;
         if end - start > BODY_BYTES_MAX {
             return Err(Malformed::Long { length: end - start });
         }
         let name = core::str::from_utf8(&rest[..start - HEADER_BYTES]).map_err(|_| Malformed::TopicText)?;
-        let topic = TopicName::new(name).ok_or(Malformed::Unknown {
-            field: "topic length",
-            found: bytes[6],
-        })?;
+        let topic =
+            TopicName::new(name).ok_or(Malformed::Unknown { field: "topic length", found: bytes[6] })?;
         let found = u32::from_le_bytes(part(bytes, 8));
         if found != topic.hash {
-            return Err(Malformed::TopicHash {
-                found,
-                computed: topic.hash,
-            });
+            return Err(Malformed::TopicHash { found, computed: topic.hash });
         }
         Ok((header, topic, start..end))
     }
@@ -252,9 +239,7 @@ impl Header {
     fn parse_fixed(bytes: &[u8; HEADER_BYTES]) -> Result<Self, Malformed> {
         let unknown = |field, found| Malformed::Unknown { field, found };
         if bytes[0..2] != MAGIC {
-            return Err(Malformed::Magic {
-                found: part(bytes, 0),
-            });
+            return Err(Malformed::Magic { found: part(bytes, 0) });
         }
         if bytes[2] != VERSION {
             return Err(Malformed::Version { found: bytes[2] });

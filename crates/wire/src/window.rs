@@ -60,17 +60,8 @@ impl Window {
     /// The window after the first datagram of a stream.
     #[must_use]
     pub fn new(incarnation: u32, sequence: u64) -> Self {
-        let counts = SequenceCounts {
-            accepted: 1,
-            ..SequenceCounts::default()
-        };
-        let mut window = Self {
-            incarnation,
-            first: sequence,
-            highest: sequence,
-            seen: [0; WORDS],
-            counts,
-        };
+        let counts = SequenceCounts { accepted: 1, ..SequenceCounts::default() };
+        let mut window = Self { incarnation, first: sequence, highest: sequence, seen: [0; WORDS], counts };
         window.mark(sequence);
         window
     }
@@ -84,10 +75,7 @@ impl Window {
         if incarnation > self.incarnation {
             let counts = self.counts;
             *self = Self::new(incarnation, sequence);
-            self.counts = SequenceCounts {
-                accepted: counts.accepted + 1,
-                ..counts
-            };
+            self.counts = SequenceCounts { accepted: counts.accepted + 1, ..counts };
             return Freshness::Fresh;
         }
         if sequence > self.highest {
@@ -162,9 +150,7 @@ impl Windows {
     /// No datagram seen.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            windows: BTreeMap::new(),
-        }
+        Self { windows: BTreeMap::new() }
     }
 
     /// Takes note of an authentic datagram and says whether to act on it.
@@ -181,17 +167,13 @@ impl Windows {
 
     /// What the numbers of each stream told.
     pub fn counts(&self) -> impl Iterator<Item = (Stream, SequenceCounts)> {
-        self.windows
-            .iter()
-            .map(|(stream, window)| (*stream, window.counts()))
+        self.windows.iter().map(|(stream, window)| (*stream, window.counts()))
     }
 
     /// Sequence numbers that never came, over all streams.
     #[must_use]
     pub fn lost_total(&self) -> u64 {
-        self.windows
-            .values()
-            .fold(0, |sum, window| sum.saturating_add(window.counts.lost))
+        self.windows.values().fold(0, |sum, window| sum.saturating_add(window.counts.lost))
     }
 }
 
@@ -212,11 +194,7 @@ mod tests {
             if sequence <= highest && highest - sequence >= WINDOW_BITS {
                 return Freshness::TooOld;
             }
-            if self.seen.insert(sequence) {
-                Freshness::Fresh
-            } else {
-                Freshness::Duplicate
-            }
+            if self.seen.insert(sequence) { Freshness::Fresh } else { Freshness::Duplicate }
         }
     }
 
@@ -251,13 +229,7 @@ mod tests {
         assert_eq!(window.accept(6, 1), Freshness::Fresh);
         assert_eq!(window.accept(6, 1), Freshness::Duplicate);
         assert_eq!(window.accept(5, 1002), Freshness::OldIncarnation);
-        let expected = SequenceCounts {
-            accepted: 2,
-            lost: 0,
-            reordered: 0,
-            duplicates: 1,
-            stale: 2,
-        };
+        let expected = SequenceCounts { accepted: 2, lost: 0, reordered: 0, duplicates: 1, stale: 2 };
         assert_eq!(window.counts(), expected);
     }
 

@@ -47,9 +47,7 @@ fn the_format_pages_example_is_met_bit_for_bit() {
         stamp: Time::from_nanos(1_700_000_000_020_000_000),
         name: Text::truncated("cf1"),
         state: State::Landing,
-        history: vec![State::Idle, State::TakingOff, State::Emergency]
-            .try_into()
-            .expect("three fit"),
+        history: vec![State::Idle, State::TakingOff, State::Emergency].try_into().expect("three fit"),
         battery_ratio: 0.75,
         uptime_ns: u64::MAX - 1,
         drift: i64::MIN + 1,
@@ -133,17 +131,10 @@ fn encoded<M: Message>(message: &M) -> Vec<u8> {
 /// The view that a dynamic reader must come to, written down by hand.
 fn view(message: &Everything) -> Value {
     let vector = |v: Vector<World>| {
-        Value::Record(vec![
-            ("x", Value::F64(v.x)),
-            ("y", Value::F64(v.y)),
-            ("z", Value::F64(v.z)),
-        ])
+        Value::Record(vec![("x", Value::F64(v.x)), ("y", Value::F64(v.y)), ("z", Value::F64(v.z))])
     };
     let part = |part: &Part| {
-        let mount = Value::Enumeration {
-            value: part.mount.value(),
-            name: part.mount.name(),
-        };
+        let mount = Value::Enumeration { value: part.mount.value(), name: part.mount.name() };
         Value::Record(vec![
             ("mount", mount),
             ("label", Value::Text(part.label.to_string())),
@@ -159,27 +150,9 @@ fn view(message: &Everything) -> Value {
         ("signed32", Value::Signed(message.signed32.into())),
         ("unsigned16", Value::Unsigned(message.unsigned16.into())),
         ("unsigned32", Value::Unsigned(message.unsigned32.into())),
-        (
-            "levels_v",
-            Value::Seq(message.levels_v.iter().map(|level| Value::F32(*level)).collect()),
-        ),
-        (
-            "serial",
-            Value::Seq(
-                message
-                    .serial
-                    .iter()
-                    .map(|byte| Value::Unsigned((*byte).into()))
-                    .collect(),
-            ),
-        ),
-        (
-            "at",
-            Value::Time {
-                sec: (nanos / 1_000_000_000) as u32,
-                nsec: (nanos % 1_000_000_000) as u32,
-            },
-        ),
+        ("levels_v", Value::Seq(message.levels_v.iter().map(|level| Value::F32(*level)).collect())),
+        ("serial", Value::Seq(message.serial.iter().map(|byte| Value::Unsigned((*byte).into())).collect())),
+        ("at", Value::Time { sec: (nanos / 1_000_000_000) as u32, nsec: (nanos % 1_000_000_000) as u32 }),
         (
             "orientation",
             Value::Record(vec![
@@ -189,26 +162,8 @@ fn view(message: &Everything) -> Value {
                 ("w", Value::F64(turn.w)),
             ]),
         ),
-        (
-            "bytes",
-            Value::Seq(
-                message
-                    .bytes
-                    .iter()
-                    .map(|byte| Value::Unsigned((*byte).into()))
-                    .collect(),
-            ),
-        ),
-        (
-            "thrusts_n",
-            Value::Seq(
-                message
-                    .thrusts_n
-                    .iter()
-                    .map(|thrust| Value::F64(*thrust))
-                    .collect(),
-            ),
-        ),
+        ("bytes", Value::Seq(message.bytes.iter().map(|byte| Value::Unsigned((*byte).into())).collect())),
+        ("thrusts_n", Value::Seq(message.thrusts_n.iter().map(|thrust| Value::F64(*thrust)).collect())),
         ("parts", Value::Seq(message.parts.iter().map(part).collect())),
     ])
 }
@@ -297,10 +252,8 @@ proptest! {
 fn has_unit_quaternion<E>(viewed: &Result<Value, E>) -> bool {
     let Ok(value) = viewed else { return false };
     let squares = ["x", "y", "z", "w"].map(|name| {
-        let component = value
-            .at(&format!("orientation.{name}"))
-            .and_then(Value::number)
-            .expect("a component");
+        let component =
+            value.at(&format!("orientation.{name}")).and_then(Value::number).expect("a component");
         component * component
     });
     (squares.iter().sum::<f64>() - 1.0).abs() < 1e-3
@@ -310,11 +263,8 @@ fn has_unit_quaternion<E>(viewed: &Result<Value, E>) -> bool {
 fn bytes_after_the_last_field_are_an_error() {
     let mut body = encoded(&Part::default());
     body.push(0);
-    let expected = DecodeError::Trailing {
-        message: "example/Part",
-        read: body.len() - 1,
-        length: body.len(),
-    };
+    let expected =
+        DecodeError::Trailing { message: "example/Part", read: body.len() - 1, length: body.len() };
     assert_eq!(decode::<Part>(&body), Err(expected));
 }
 
@@ -323,42 +273,21 @@ fn numbers_that_are_not_finite_are_refused_both_ways() {
     for poison in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let mut body = encoded(&Part::default());
         let start = body.len();
-        let part = Part {
-            position_m: Vector::new(0.0, poison, 0.0),
-            ..Part::default()
-        };
+        let part = Part { position_m: Vector::new(0.0, poison, 0.0), ..Part::default() };
         let refused = encode(&part, &mut body);
-        assert_eq!(
-            refused,
-            Err(EncodeError::NotFinite {
-                message: "example/Part"
-            })
-        );
+        assert_eq!(refused, Err(EncodeError::NotFinite { message: "example/Part" }));
         assert_eq!(body.len(), start, "nothing is left behind");
         body[start - 8..].copy_from_slice(&poison.to_le_bytes());
-        assert_eq!(
-            decode::<Part>(&body),
-            Err(DecodeError::NotFinite {
-                message: "example/Part"
-            })
-        );
+        assert_eq!(decode::<Part>(&body), Err(DecodeError::NotFinite { message: "example/Part" }));
     }
 }
 
 #[test]
 fn an_instant_before_the_clocks_zero_is_not_written() {
-    let message = Everything {
-        at: Time::from_nanos(-1),
-        ..Everything::default()
-    };
+    let message = Everything { at: Time::from_nanos(-1), ..Everything::default() };
     let mut body = vec![7];
     let refused = encode(&message, &mut body);
-    assert_eq!(
-        refused,
-        Err(EncodeError::Unwritable {
-            message: "example/Everything"
-        })
-    );
+    assert_eq!(refused, Err(EncodeError::Unwritable { message: "example/Everything" }));
     assert_eq!(body, [7]);
 }
 
@@ -368,10 +297,7 @@ fn a_value_without_a_name_is_refused() {
     body[0] = 1;
     assert_eq!(
         decode::<Part>(&body),
-        Err(DecodeError::Unreadable {
-            message: "example/Part",
-            length: body.len()
-        })
+        Err(DecodeError::Unreadable { message: "example/Part", length: body.len() })
     );
 }
 
@@ -380,10 +306,7 @@ fn a_hostile_count_is_refused() {
     let mut body = encoded(&Part::default());
     for count in [21, 60_000, u32::MAX] {
         body[1..5].copy_from_slice(&count.to_le_bytes());
-        assert!(
-            matches!(decode::<Part>(&body), Err(DecodeError::Unreadable { .. })),
-            "{count}"
-        );
+        assert!(matches!(decode::<Part>(&body), Err(DecodeError::Unreadable { .. })), "{count}");
     }
 }
 
@@ -397,26 +320,14 @@ struct Huge {
 
 #[test]
 fn a_body_has_a_limit() {
-    let huge = |length: usize| Huge {
-        bytes: vec![1; length].try_into().expect("within the bound"),
-    };
+    let huge = |length: usize| Huge { bytes: vec![1; length].try_into().expect("within the bound") };
     let mut body = Vec::new();
     assert_eq!(encode(&huge(BODY_BYTES_MAX - 4), &mut body), Ok(()));
     assert_eq!(body.len(), BODY_BYTES_MAX);
     assert_eq!(decode(&body), Ok(huge(BODY_BYTES_MAX - 4)));
     body.clear();
     let refused = encode(&huge(BODY_BYTES_MAX - 3), &mut body);
-    assert_eq!(
-        refused,
-        Err(EncodeError::TooLong {
-            message: "example/Huge"
-        })
-    );
+    assert_eq!(refused, Err(EncodeError::TooLong { message: "example/Huge" }));
     let long = vec![0; BODY_BYTES_MAX + 1];
-    assert_eq!(
-        decode::<Huge>(&long),
-        Err(DecodeError::TooLong {
-            length: BODY_BYTES_MAX + 1
-        })
-    );
+    assert_eq!(decode::<Huge>(&long), Err(DecodeError::TooLong { length: BODY_BYTES_MAX + 1 }));
 }

@@ -54,12 +54,9 @@ fn receive(datagram: &[u8], key: &VerifyKey) -> Result<(Header, Vec<u8>), DropRe
 }
 
 fn hex(bytes: &[u8]) -> String {
-    let lines = bytes.chunks(16).map(|line| {
-        line.iter()
-            .map(|byte| format!("{byte:02x}"))
-            .collect::<Vec<_>>()
-            .join(" ")
-    });
+    let lines = bytes
+        .chunks(16)
+        .map(|line| line.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" "));
     lines.collect::<Vec<_>>().join("\n")
 }
 
@@ -75,10 +72,7 @@ fn golden_datagram() {
         63 6f 6d 6d 61 6e 64 62 6f 64 79 cf 3e 53 3d c7
         eb af f1 76 e1 3d ca 9b 1e 9b 92"#]]
     .assert_eq(&hex(&datagram));
-    assert_eq!(
-        receive(&datagram, &verify_key()),
-        Ok((header(), b"body".to_vec()))
-    );
+    assert_eq!(receive(&datagram, &verify_key()), Ok((header(), b"body".to_vec())));
 }
 
 #[test]
@@ -114,37 +108,9 @@ fn a_replayed_datagram_is_refused() {
     };
     assert_eq!(take(&datagram), Ok(()));
     assert_eq!(take(&datagram), Err(DropReason::Replayed));
-    assert_eq!(
-        take(&sealed(
-            &Header {
-                sequence: 41,
-                ..header()
-            },
-            b"late"
-        )),
-        Ok(())
-    );
-    assert_eq!(
-        take(&sealed(
-            &Header {
-                incarnation: 4,
-                sequence: 0,
-                ..header()
-            },
-            b"restarted"
-        )),
-        Ok(())
-    );
-    assert_eq!(
-        take(&sealed(
-            &Header {
-                sequence: 43,
-                ..header()
-            },
-            b"the past"
-        )),
-        Err(DropReason::Replayed)
-    );
+    assert_eq!(take(&sealed(&Header { sequence: 41, ..header() }, b"late")), Ok(()));
+    assert_eq!(take(&sealed(&Header { incarnation: 4, sequence: 0, ..header() }, b"restarted")), Ok(()));
+    assert_eq!(take(&sealed(&Header { sequence: 43, ..header() }, b"the past")), Err(DropReason::Replayed));
 }
 
 /// Any node can sign a definition; with one it must not be able to make another's commands look old.
@@ -153,31 +119,14 @@ fn a_schema_does_not_move_the_window_of_the_topics_messages() {
     let mut windows = Windows::new();
     let node = SigningKey::derive(&secret(), Domain::Sim, RUN, Role::NODE);
     let node_verify = VerifyKey::derive(&secret(), Domain::Sim, RUN, Role::NODE);
-    let ahead = Header {
-        kind: Kind::Schema,
-        incarnation: u32::MAX,
-        sequence: u64::MAX,
-        ..header()
-    };
+    let ahead = Header { kind: Kind::Schema, incarnation: u32::MAX, sequence: u64::MAX, ..header() };
     let mut datagram = Vec::new();
     seal(&ahead, topic(), b"definition", &node, &mut datagram).expect("it can be sealed");
     let opened = open(&datagram).expect("well formed");
-    assert!(
-        opened
-            .verify(&node_verify)
-            .expect("authentic")
-            .fresh(&mut windows)
-            .is_ok()
-    );
+    assert!(opened.verify(&node_verify).expect("authentic").fresh(&mut windows).is_ok());
     let command = sealed(&header(), b"command");
     let opened = open(&command).expect("well formed");
-    assert!(
-        opened
-            .verify(&verify_key())
-            .expect("authentic")
-            .fresh(&mut windows)
-            .is_ok()
-    );
+    assert!(opened.verify(&verify_key()).expect("authentic").fresh(&mut windows).is_ok());
 }
 
 #[test]
@@ -199,15 +148,10 @@ fn a_node_of_one_domain_or_run_cannot_verify_anothers_messages() {
 #[test]
 fn whoever_lacks_the_key_cannot_forge_a_command() {
     let logger = Keyring::new(&secret(), Domain::Sim, RUN, Role("logger"), [Role("estimator")]);
-    assert!(
-        logger.verify_key(ROLE).is_none(),
-        "a logger is not given the command key"
-    );
-    for key in [
-        logger.own(),
-        logger.node(),
-        &SigningKey::derive(&Secret::new([9; 32]), Domain::Sim, RUN, ROLE),
-    ] {
+    assert!(logger.verify_key(ROLE).is_none(), "a logger is not given the command key");
+    for key in
+        [logger.own(), logger.node(), &SigningKey::derive(&Secret::new([9; 32]), Domain::Sim, RUN, ROLE)]
+    {
         let mut forged = Vec::new();
         seal(&header(), topic(), b"forged", key, &mut forged).expect("it can be sealed");
         assert_eq!(receive(&forged, &verify_key()), Err(DropReason::Unauthentic));
@@ -216,25 +160,14 @@ fn whoever_lacks_the_key_cannot_forge_a_command() {
 
 #[test]
 fn a_keyring_signs_and_verifies_what_its_topics_need() {
-    let bridge = Keyring::new(
-        &secret(),
-        Domain::Sim,
-        RUN,
-        Role("radio-bridge"),
-        [Role::of(Kind::Data, ROLE.0)],
-    );
+    let bridge =
+        Keyring::new(&secret(), Domain::Sim, RUN, Role("radio-bridge"), [Role::of(Kind::Data, ROLE.0)]);
     let datagram = sealed(&header(), b"command");
     let key = bridge.verify_key(ROLE).expect("the bridge reads commands");
     assert!(receive(&datagram, key).is_ok());
     let mut health = Vec::new();
     seal(&header(), topic(), b"fine", bridge.node(), &mut health).expect("it can be sealed");
-    assert!(
-        receive(
-            &health,
-            bridge.verify_key(Role::NODE).expect("every node reads these")
-        )
-        .is_ok()
-    );
+    assert!(receive(&health, bridge.verify_key(Role::NODE).expect("every node reads these")).is_ok());
     assert_eq!(Role::of(Kind::Data, "*"), Role::NODE);
     for kind in [Kind::Schema, Kind::SchemaRequest, Kind::Journal] {
         assert_eq!(Role::of(kind, ROLE.0), Role::NODE);
@@ -250,38 +183,12 @@ fn what_cannot_be_sent_is_said() {
         assert!(out.is_empty());
         error
     };
-    assert_eq!(
-        refused(
-            Header {
-                domain: Domain::Live,
-                ..header()
-            },
-            b""
-        ),
-        SealError::ForeignKey
-    );
-    assert_eq!(
-        refused(
-            Header {
-                run: RUN + 1,
-                ..header()
-            },
-            b""
-        ),
-        SealError::ForeignKey
-    );
-    let early = Header {
-        published_at: Time::from_nanos(-5),
-        ..header()
-    };
+    assert_eq!(refused(Header { domain: Domain::Live, ..header() }, b""), SealError::ForeignKey);
+    assert_eq!(refused(Header { run: RUN + 1, ..header() }, b""), SealError::ForeignKey);
+    let early = Header { published_at: Time::from_nanos(-5), ..header() };
     assert_eq!(refused(early, b""), SealError::PublishTime { nanos: -5 });
     let long = vec![0; BODY_BYTES_MAX + 1];
-    assert_eq!(
-        refused(header(), &long),
-        SealError::BodyTooLong {
-            length: BODY_BYTES_MAX + 1
-        }
-    );
+    assert_eq!(refused(header(), &long), SealError::BodyTooLong { length: BODY_BYTES_MAX + 1 });
     assert_eq!(TopicName::new(""), None);
     assert_eq!(TopicName::new(&"x".repeat(256)), None);
 }
@@ -296,67 +203,26 @@ fn malformed_datagrams_say_what_was_found() {
     };
     assert_eq!(with(0, b"FN"), Malformed::Magic { found: *b"FN" });
     assert_eq!(with(2, &[2]), Malformed::Version { found: 2 });
-    assert_eq!(
-        with(3, &[4]),
-        Malformed::Unknown {
-            field: "kind",
-            found: 4
-        }
-    );
-    assert_eq!(
-        with(4, &[0]),
-        Malformed::Unknown {
-            field: "domain",
-            found: 0
-        }
-    );
-    assert_eq!(
-        with(5, &[2]),
-        Malformed::Unknown {
-            field: "flags",
-            found: 2
-        }
-    );
+    assert_eq!(with(3, &[4]), Malformed::Unknown { field: "kind", found: 4 });
+    assert_eq!(with(4, &[0]), Malformed::Unknown { field: "domain", found: 0 });
+    assert_eq!(with(5, &[2]), Malformed::Unknown { field: "flags", found: 2 });
     assert_eq!(with(7, &[1]), Malformed::Reserved);
     assert_eq!(with(39, &[1]), Malformed::Reserved);
     assert_eq!(with(48, &[0xff; 8]), Malformed::PublishTime { found: u64::MAX });
     assert_eq!(with(56, &[0xff]), Malformed::TopicText);
-    assert_eq!(
-        with(6, &[0]),
-        Malformed::Unknown {
-            field: "topic length",
-            found: 0
-        }
-    );
+    assert_eq!(with(6, &[0]), Malformed::Unknown { field: "topic length", found: 0 });
     let needed = HEADER_BYTES + 255 + TAG_BYTES;
-    assert_eq!(
-        with(6, &[255]),
-        Malformed::Short {
-            length: good.len(),
-            needed
-        }
-    );
+    assert_eq!(with(6, &[255]), Malformed::Short { length: good.len(), needed });
     assert!(matches!(with(56, b"V"), Malformed::TopicHash { .. }));
     let long = [&good[..], &vec![0; BODY_BYTES_MAX]].concat();
-    assert_eq!(
-        open(&long).expect_err("it must be refused"),
-        Malformed::Long {
-            length: BODY_BYTES_MAX + 4
-        }
-    );
+    assert_eq!(open(&long).expect_err("it must be refused"), Malformed::Long { length: BODY_BYTES_MAX + 4 });
 }
 
 #[test]
 fn secrets_and_keys_are_never_printed() {
     assert_eq!(format!("{:?}", secret()), "Secret(..)");
-    assert_eq!(
-        format!("{:?}", signing_key()),
-        "SigningKey(sim, run 1122334455667788, ..)"
-    );
-    assert_eq!(
-        format!("{:?}", verify_key()),
-        "VerifyKey(sim, run 1122334455667788, ..)"
-    );
+    assert_eq!(format!("{:?}", signing_key()), "SigningKey(sim, run 1122334455667788, ..)");
+    assert_eq!(format!("{:?}", verify_key()), "VerifyKey(sim, run 1122334455667788, ..)");
 }
 
 #[test]

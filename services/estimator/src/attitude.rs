@@ -1,5 +1,5 @@
-//! Attitude and body rate from camera attitudes: a Kalman filter on the rotation that takes the predicted body to
-//! the measured one. Roll and pitch share one covariance; yaw, whose loop is slower, has its own.
+//! Attitude and body rate from camera attitudes: a Kalman filter on the rotation that takes the predicted
+//! body to the measured one. Roll and pitch share one covariance; yaw, whose loop is slower, has its own.
 
 use quantity::{Body, Vector};
 
@@ -34,13 +34,8 @@ impl AttitudeFilter {
             disturbance_variance: sigma * sigma,
         };
         let (tilt_damping, yaw_damping) = model.rate_damping_1_s();
-        let commanded = |damping| {
-            growth(
-                damping,
-                noise.angular_disturbance_rad_s2,
-                noise.angular_disturbance_time_s,
-            )
-        };
+        let commanded =
+            |damping| growth(damping, noise.angular_disturbance_rad_s2, noise.angular_disturbance_time_s);
         let angular = noise.unknown_angular_rad_s2;
         let rate = 1.5 * noise.attitude_rad / span_s + 0.5 * angular * span_s;
         let chain = Chain::new(noise.attitude_rad, rate, angular);
@@ -107,7 +102,8 @@ impl AttitudeFilter {
         quantity::math::sqrt(self.tilt.rate_variance())
     }
 
-    /// Fuses an attitude: `innovation_rad` is the rotation vector from the predicted body to the measured one.
+    /// Fuses an attitude: `innovation_rad` is the rotation vector from the predicted body to the measured
+    /// one.
     pub fn correct(&mut self, motion: &mut Motion, innovation_rad: Vector<Body>) {
         let (tilt, yaw) = (self.tilt.measure(self.variance), self.yaw.measure(self.variance));
         let e = innovation_rad;

@@ -16,8 +16,8 @@ pub(crate) struct Growth {
 /// Longest step of [`Chain::grow`]: its transition is a series in the step.
 const STEP_S_MAX: f64 = 0.005;
 
-/// Covariance of (quantity, rate, disturbance of the acceleration), the same for every axis it is used for: each
-/// axis has the same dynamics, noise and measurements, hence the same gains.
+/// Covariance of (quantity, rate, disturbance of the acceleration), the same for every axis it is used for:
+/// each axis has the same dynamics, noise and measurements, hence the same gains.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Chain {
     p00: f64,
@@ -108,15 +108,12 @@ impl Chain {
     /// A measurement of the quantity, with this variance; the gains to correct the state with.
     pub fn measure(&mut self, variance: f64) -> Gain {
         let scale = 1.0 / (self.p00 + variance);
-        let gain = Gain {
-            quantity: self.p00 * scale,
-            rate: self.p01 * scale,
-            disturbance: self.p02 * scale,
-        };
+        let gain = Gain { quantity: self.p00 * scale, rate: self.p01 * scale, disturbance: self.p02 * scale };
         self.p22 -= gain.disturbance * self.p02;
         self.p12 -= gain.rate * self.p02;
         self.p11 -= gain.rate * self.p01;
-        // What remains of the first row is exactly the measurement's part; so written it cannot turn negative.
+        // What remains of the first row is exactly the measurement's part; so written it cannot turn
+        // negative.
         let keep = variance * scale;
         self.p00 *= keep;
         self.p01 *= keep;
@@ -126,12 +123,8 @@ impl Chain {
 
     /// Whether every entry is a finite number and no variance negative.
     pub fn is_sound(&self) -> bool {
-        [self.p00, self.p11, self.p22]
-            .iter()
-            .all(|variance| variance.is_finite() && *variance >= 0.0)
-            && [self.p01, self.p02, self.p12]
-                .iter()
-                .all(|covariance| covariance.is_finite())
+        [self.p00, self.p11, self.p22].iter().all(|variance| variance.is_finite() && *variance >= 0.0)
+            && [self.p01, self.p02, self.p12].iter().all(|covariance| covariance.is_finite())
     }
 }
 
@@ -139,12 +132,7 @@ impl Chain {
 mod tests {
     use super::*;
 
-    const QUIET: Growth = Growth {
-        damping_1_s: 0.0,
-        decay_1_s: 1.0,
-        walk: 0.0,
-        disturbance_variance: 0.01,
-    };
+    const QUIET: Growth = Growth { damping_1_s: 0.0, decay_1_s: 1.0, walk: 0.0, disturbance_variance: 0.01 };
 
     #[test]
     fn settles_where_the_textbook_says() {
@@ -152,11 +140,7 @@ mod tests {
         // w = (q/r)^(1/6); sampled fast enough, the discrete gains are those times the period.
         let mut chain = Chain::new(1.0, 1.0, 1.0);
         let (period, sigma) = (0.0005, 0.0005);
-        let growth = Growth {
-            decay_1_s: 1e-3,
-            disturbance_variance: 10.0,
-            ..QUIET
-        };
+        let growth = Growth { decay_1_s: 1e-3, disturbance_variance: 10.0, ..QUIET };
         let mut gain = chain.measure(sigma * sigma);
         for _ in 0..20_000 {
             chain.grow(&growth, period);
@@ -189,12 +173,7 @@ mod tests {
     #[test]
     fn stays_sound_whatever_the_spacing() {
         let mut chain = Chain::new(1.0, 10.0, 300.0);
-        let growth = Growth {
-            damping_1_s: 20.0,
-            decay_1_s: 10.0,
-            walk: 1.0,
-            disturbance_variance: 9e4,
-        };
+        let growth = Growth { damping_1_s: 20.0, decay_1_s: 10.0, walk: 1.0, disturbance_variance: 9e4 };
         for k in 0..10_000u32 {
             chain.grow(&growth, 0.0001 * f64::from(1 + k * 7919 % 977));
             chain.measure(9e-6);

@@ -29,7 +29,8 @@ struct Entry {
 /// Entries kept: 640 ms of radio slots, more than any gap the filter is carried over.
 const CAPACITY: usize = 32;
 
-/// A vehicle's commands by the instant they take effect. Each holds until the next does, or until it is too old.
+/// A vehicle's commands by the instant they take effect. Each holds until the next does, or until it is too
+/// old.
 #[derive(Clone, Debug)]
 pub(crate) struct Commands {
     entries: [Entry; CAPACITY],
@@ -53,17 +54,8 @@ const SLOT_PERIOD_MIN: Span = Span::from_millis(1);
 impl Commands {
     /// No command yet; each will be flown for at most `hold`.
     pub fn new(hold: Span) -> Self {
-        let never = Entry {
-            sent_at: Time::ZERO,
-            effective_at: Time::ZERO,
-            drive: Drive::Silent,
-        };
-        Self {
-            entries: [never; CAPACITY],
-            len: 0,
-            hold,
-            slot: None,
-        }
+        let never = Entry { sent_at: Time::ZERO, effective_at: Time::ZERO, drive: Drive::Silent };
+        Self { entries: [never; CAPACITY], len: 0, hold, slot: None }
     }
 
     /// Takes note of a command that left the radio; one older than the newest known is ignored.
@@ -72,40 +64,22 @@ impl Commands {
             && sent.collective_m_s2.is_finite()
             && sent.rate_rad_s.is_finite()
             && sent.next_slot_at > sent.sent_at;
-        if !usable
-            || self
-                .used()
-                .last()
-                .is_some_and(|last| sent.sent_at <= last.sent_at)
-        {
+        if !usable || self.used().last().is_some_and(|last| sent.sent_at <= last.sent_at) {
             return;
         }
         let link_delay = Span::from_secs_f64(sent.link_delay_s.clamp(0.0, 0.2));
         let period = (sent.next_slot_at - sent.sent_at).max(SLOT_PERIOD_MIN);
-        self.slot = Some(Slot {
-            next_at: sent.next_slot_at,
-            period,
-            link_delay,
-        });
+        self.slot = Some(Slot { next_at: sent.next_slot_at, period, link_delay });
         let drive = match sent.mode {
-            CommandMode::Fly => Drive::Fly {
-                collective_m_s2: sent.collective_m_s2,
-                rate_rad_s: sent.rate_rad_s,
-            },
+            CommandMode::Fly => {
+                Drive::Fly { collective_m_s2: sent.collective_m_s2, rate_rad_s: sent.rate_rad_s }
+            }
             CommandMode::Disarmed => Drive::Off,
             CommandMode::Descend => Drive::Silent,
         };
-        let entry = Entry {
-            sent_at: sent.sent_at,
-            effective_at: sent.sent_at + link_delay,
-            drive,
-        };
+        let entry = Entry { sent_at: sent.sent_at, effective_at: sent.sent_at + link_delay, drive };
         // A newly measured, shorter delay: what is sent later still takes effect later.
-        while self
-            .used()
-            .last()
-            .is_some_and(|last| last.effective_at >= entry.effective_at)
-        {
+        while self.used().last().is_some_and(|last| last.effective_at >= entry.effective_at) {
             self.len -= 1;
         }
         if self.len == CAPACITY {
@@ -123,15 +97,9 @@ impl Commands {
     /// What holds at `at`, and until when it surely does.
     pub fn at(&self, at: Time) -> (Drive, Time) {
         // From the newest back: the wanted entry is among the last few.
-        let following = self
-            .used()
-            .iter()
-            .rposition(|entry| entry.effective_at <= at)
-            .map_or(0, |index| index + 1);
-        let until = self
-            .used()
-            .get(following)
-            .map_or(Time::FAR_FUTURE, |entry| entry.effective_at);
+        let following =
+            self.used().iter().rposition(|entry| entry.effective_at <= at).map_or(0, |index| index + 1);
+        let until = self.used().get(following).map_or(Time::FAR_FUTURE, |entry| entry.effective_at);
         let Some(entry) = following.checked_sub(1).map(|index| self.entries[index]) else {
             return (Drive::Silent, until);
         };
@@ -205,15 +173,9 @@ mod tests {
     #[test]
     fn off_lasts_and_descend_is_the_vehicles_affair() {
         let mut commands = Commands::new(Span::from_millis(100));
-        commands.sent(&CommandSent {
-            mode: CommandMode::Disarmed,
-            ..sent(0, 0.0)
-        });
+        commands.sent(&CommandSent { mode: CommandMode::Disarmed, ..sent(0, 0.0) });
         assert_eq!(commands.at(ms(5000)).0, Drive::Off);
-        commands.sent(&CommandSent {
-            mode: CommandMode::Descend,
-            ..sent(20, 9.0)
-        });
+        commands.sent(&CommandSent { mode: CommandMode::Descend, ..sent(20, 9.0) });
         assert_eq!(commands.at(ms(40)).0, Drive::Silent);
     }
 
@@ -223,24 +185,15 @@ mod tests {
         commands.sent(&sent(100, 1.0));
         commands.sent(&sent(80, 9.0));
         commands.sent(&sent(120, f64::NAN));
-        commands.sent(&CommandSent {
-            link_delay_s: f64::INFINITY,
-            ..sent(120, 9.0)
-        });
-        commands.sent(&CommandSent {
-            next_slot_at: ms(110),
-            ..sent(120, 9.0)
-        });
+        commands.sent(&CommandSent { link_delay_s: f64::INFINITY, ..sent(120, 9.0) });
+        commands.sent(&CommandSent { next_slot_at: ms(110), ..sent(120, 9.0) });
         assert_eq!(collective(&commands, 150), Some(1.0));
     }
 
     #[test]
     fn a_shorter_delay_puts_the_newer_command_first() {
         let mut commands = Commands::new(Span::from_millis(100));
-        commands.sent(&CommandSent {
-            link_delay_s: 0.05,
-            ..sent(100, 1.0)
-        });
+        commands.sent(&CommandSent { link_delay_s: 0.05, ..sent(100, 1.0) });
         commands.sent(&sent(120, 2.0));
         assert_eq!(collective(&commands, 138), Some(2.0));
         assert_eq!(collective(&commands, 151), Some(2.0));
@@ -265,14 +218,7 @@ mod tests {
         commands.sent(&sent(100, 1.0));
         assert_eq!(commands.next_effect(ms(105), lead, DELAY), ms(138));
         assert_eq!(commands.next_effect(ms(119), lead, DELAY), ms(138));
-        assert_eq!(
-            commands.next_effect(ms(120) - Span::from_micros(200), lead, DELAY),
-            ms(158)
-        );
-        assert_eq!(
-            commands.next_effect(ms(1001), lead, DELAY),
-            ms(1038),
-            "the schedule is absolute"
-        );
+        assert_eq!(commands.next_effect(ms(120) - Span::from_micros(200), lead, DELAY), ms(158));
+        assert_eq!(commands.next_effect(ms(1001), lead, DELAY), ms(1038), "the schedule is absolute");
     }
 }

@@ -97,11 +97,7 @@ impl Filter {
             if motion.resting {
                 motion.thrust_n = [0.0; 4];
             } else {
-                model.explain(
-                    motion,
-                    motion.acceleration_m_s2,
-                    motion.angular_acceleration_rad_s2,
-                );
+                model.explain(motion, motion.acceleration_m_s2, motion.angular_acceleration_rad_s2);
             }
             motion.disturbance_m_s2 = Vector::ZERO;
             motion.angular_disturbance_rad_s2 = Vector::ZERO;
@@ -122,13 +118,7 @@ impl Filter {
             acceleration_1_s: self.translation.decay_1_s(self.regime),
             angular_1_s: self.attitude.decay_1_s(self.regime),
         };
-        Path {
-            model,
-            commands,
-            regime: self.regime,
-            decay,
-            step,
-        }
+        Path { model, commands, regime: self.regime, decay, step }
     }
 
     /// Moves state and uncertainty on to a later instant.
@@ -140,8 +130,7 @@ impl Filter {
         let path = self.path(model, commands, step);
         path.carry(&mut self.motion, self.at, at);
         self.translation.grow(self.regime, span_s);
-        self.attitude
-            .grow(self.regime, self.motion.kinematics.rate_rad_s, span_s);
+        self.attitude.grow(self.regime, self.motion.kinematics.rate_rad_s, span_s);
         self.at = at;
     }
 
@@ -165,8 +154,8 @@ impl Filter {
         }
     }
 
-    /// Moves part of the lasting disturbance over to the model: along the thrust to the thrust's ratio, against the
-    /// motion to the drag. The sum of all accelerations stays what it was.
+    /// Moves part of the lasting disturbance over to the model: along the thrust to the thrust's ratio,
+    /// against the motion to the drag. The sum of all accelerations stays what it was.
     pub fn teach(&mut self, model: &mut Model, tuning: &ModelTuning, span_s: f64) {
         let motion = &mut self.motion;
         let k = &motion.kinematics;

@@ -1,17 +1,19 @@
 //! Which poses to believe.
 //!
-//! Two tests must both hold. *Continuity* compares a pose with the last one believed: no vehicle is faster than so
-//! many metres or radians per second, while a swap of markers or a symmetry of the marker triangle (90, 120, 180
-//! degrees) jumps within one frame. *Innovation* compares it with what the filter predicts.
+//! Two tests must both hold. *Continuity* compares a pose with the last one believed: no vehicle is faster
+//! than so many metres or radians per second, while a swap of markers or a symmetry of the marker triangle
+//! (90, 120, 180 degrees) jumps within one frame. *Innovation* compares it with what the filter predicts.
 //!
-//! A filter can be wrong too: pushed, carried, or flying a maneuver nobody reported. So a run of refused poses that
-//! agree with each other starts the filter anew, on conditions. A run that began without a jump continues what was
-//! believed before: the filter is what is wrong. A run that began with a jump must wait until the state has become
-//! invalid, and then still be plausible. A run that looks like another vehicle's is never believed.
+//! A filter can be wrong too: pushed, carried, or flying a maneuver nobody reported. So a run of refused
+//! poses that agree with each other starts the filter anew, on conditions. A run that began without a jump
+//! continues what was believed before: the filter is what is wrong. A run that began with a jump must wait
+//! until the state has become invalid, and then still be plausible. A run that looks like another vehicle's
+//! is never believed.
 
 use quantity::{Body, Rotation, Span, Time, Vector, World};
 use settings::Hall;
 
+use crate::trail::Trail;
 use crate::tuning::GateTuning;
 
 /// One vehicle's pose in one exposure.
@@ -43,9 +45,9 @@ pub(crate) struct Expectation {
 pub(crate) struct Belief {
     /// That pose.
     pub pose: Pose,
-    /// Whether the state that rests on it is still valid.
+    /// Whether it is so fresh that a state may rest on it.
     pub valid: bool,
-    /// Whether the vehicle may since have turned any way: it was in a maneuver or far from level.
+    /// Whether the vehicle may since have turned far: it was in a maneuver or far from level.
     pub turning: bool,
 }
 
@@ -75,6 +77,8 @@ pub(crate) enum Refusal {
     InnovationOfPosition,
     /// Turned too far from what the filter predicts.
     InnovationOfAttitude,
+    /// The filter has lost its way: a pose matched the wrong way round could fit as well as a true one.
+    Uncertain,
     /// There is no filter yet, and too few poses to start one.
     Acquiring,
 }
@@ -90,6 +94,7 @@ impl Refusal {
             Self::JumpOfAttitude => "a jump of attitude",
             Self::InnovationOfPosition => "position far from the prediction",
             Self::InnovationOfAttitude => "attitude far from the prediction",
+            Self::Uncertain => "attitude too uncertain to compare with",
             Self::Acquiring => "not yet enough poses in a row",
         }
     }
@@ -119,8 +124,7 @@ pub(crate) enum Verdict {
 /// Refused poses that agree with each other.
 #[derive(Clone, Copy, Debug)]
 struct Run {
-    previous: Pose,
-    last: Pose,
+    trail: Trail,
     frames: u16,
     /// Its first pose followed the last believed one without a jump.
     continuous: bool,
@@ -138,9 +142,6 @@ pub(crate) struct Gate {
     newest: Option<Pose>,
     run: Option<Run>,
 }
-
-/// Level enough to be flying undisturbed, for a vehicle whose attitude before a long gap says nothing.
-const LEVEL_RAD: f64 = 0.6;
 
 impl Gate {
     /// The gate of a vehicle in that hall; after `anywhere` unseen it may stand any way.
@@ -217,6 +218,9 @@ impl Gate {
     ) -> Result<(Vector<World>, Vector<Body>), Refusal> {
         self.continues(pose, believed)?;
         let tuning = &self.tuning;
+        if expectation.attitude_sigma_rad > tuning.attitude_sigma_rad_max {
+            return Err(Refusal::Uncertain);
+        }
         let position_m = pose.position_m - expectation.position_m;
         let position_limit = tuning.position_m + tuning.sigmas * expectation.position_sigma_m;
         if position_m.norm() > position_limit.min(tuning.position_m_max) {
@@ -251,21 +255,20 @@ impl Gate {
         refusal: Refusal,
     ) -> Verdict {
         let gap = Span::from_secs_f64(self.tuning.reacquire_gap_s);
-        let joined = self
-            .run
-            .filter(|run| pose.at - run.last.at <= gap && self.continues(pose, &run.last).is_ok());
         let swapped = self.looks_swapped(pose, belief, neighbours);
+        let joined = self.run.filter(|run| {
+            let last = run.trail.last();
+            pose.at - last.at <= gap && self.continues(pose, last).is_ok()
+        });
         let run = match joined {
-            Some(run) => Run {
-                previous: run.last,
-                last: *pose,
-                frames: run.frames.saturating_add(1),
-                continuous: run.continuous,
-                suspect: run.suspect || swapped,
-            },
+            Some(mut run) => {
+                run.trail.push(*pose);
+                run.frames = run.frames.saturating_add(1);
+                run.suspect |= swapped;
+                run
+            }
             None => Run {
-                previous: *pose,
-                last: *pose,
+                trail: Trail::new(*pose),
                 frames: 1,
                 continuous: belief.is_none_or(|belief| self.begins_continuous(pose, &belief.pose, gap)),
                 suspect: swapped,
@@ -274,10 +277,7 @@ impl Gate {
         self.run = Some(run);
         if run.frames >= self.tuning.reacquire_frames && !run.suspect && self.may_restart(&run, belief) {
             self.run = None;
-            return Verdict::Restart {
-                previous: run.previous,
-                last: run.last,
-            };
+            return Verdict::Restart { previous: *run.trail.previous(), last: *run.trail.last() };
         }
         Verdict::Refuse(if run.suspect { Refusal::Swapped } else { refusal })
     }
@@ -293,19 +293,23 @@ impl Gate {
         if run.continuous {
             return true;
         }
-        let unseen = run.last.at - belief.pose.at;
         if belief.valid {
             return false;
         }
-        let turned = angle_between(&run.last, &belief.pose);
+        let last = run.trail.last();
+        let unseen = last.at - belief.pose.at;
+        if unseen >= self.anywhere {
+            return true;
+        }
+        if belief.turning {
+            return run.trail.is_plausible(belief.pose.orientation * Vector::<Body>::new(0.0, 1.0, 0.0));
+        }
         let turned_max = self.tuning.reacquire_rad + self.tuning.reacquire_rad_s * unseen.as_secs_f64();
-        unseen >= self.anywhere
-            || turned <= turned_max
-            || (belief.turning && run.last.orientation.tilt_rad() <= LEVEL_RAD)
+        angle_between(last, &belief.pose) <= turned_max
     }
 
-    /// Whether the pose is rather another vehicle's: at the place of one that is tracked, or nearer to where a lost
-    /// one was last seen than to where this one was.
+    /// Whether the pose is rather another vehicle's: at the place of one that is tracked, or nearer to where
+    /// a lost one was last seen than to where this one was.
     fn looks_swapped(&self, pose: &Pose, belief: Option<&Belief>, neighbours: &[Neighbour]) -> bool {
         neighbours.iter().any(|neighbour| {
             let distance = (pose.position_m - neighbour.position_m).norm();
@@ -336,12 +340,7 @@ mod tests {
     const FRAME: Span = Span::from_millis(5);
 
     fn gate() -> Gate {
-        Gate::new(
-            &GateTuning::default(),
-            &testing::arena(1).hall,
-            0.07,
-            Span::from_secs(10),
-        )
+        Gate::new(&GateTuning::default(), &testing::arena(1).hall, 0.07, Span::from_secs(10))
     }
 
     fn pose(frame: i64, x: f64, turn: Vector<Body>) -> Pose {
@@ -362,39 +361,24 @@ mod tests {
     }
 
     fn belief(pose: Pose) -> Belief {
-        Belief {
-            pose,
-            valid: true,
-            turning: false,
-        }
+        Belief { pose, valid: true, turning: false }
     }
 
     /// A gate that believes the pose of frame 0, shown one of frame 1 when that of frame 0 was expected.
     fn after_one_frame(x: f64, turn: Vector<Body>) -> Verdict {
         let before = pose(0, 0.0, Vector::ZERO);
-        gate().judge(
-            &pose(1, x, turn),
-            Some(&expect(&before)),
-            Some(&belief(before)),
-            &[],
-        )
+        gate().judge(&pose(1, x, turn), Some(&expect(&before)), Some(&belief(before)), &[])
     }
 
     #[test]
     fn table_of_single_frames() {
         let refused = |verdict, refusal| assert_eq!(verdict, Verdict::Refuse(refusal));
-        assert!(matches!(
-            after_one_frame(0.01, Vector::new(0.1, 0.0, 0.0)),
-            Verdict::Accept { .. }
-        ));
+        assert!(matches!(after_one_frame(0.01, Vector::new(0.1, 0.0, 0.0)), Verdict::Accept { .. }));
         refused(after_one_frame(0.16, Vector::ZERO), Refusal::JumpOfPosition);
         refused(after_one_frame(0.10, Vector::ZERO), Refusal::InnovationOfPosition);
         for quarter_or_third in [PI / 2.0, 2.0 * PI / 3.0, PI] {
             for axis in [Vector::new(1.0, 0.0, 0.0), Vector::new(0.0, 1.0, 0.0), Vector::Z] {
-                refused(
-                    after_one_frame(0.0, axis * quarter_or_third),
-                    Refusal::JumpOfAttitude,
-                );
+                refused(after_one_frame(0.0, axis * quarter_or_third), Refusal::JumpOfAttitude);
             }
         }
         refused(after_one_frame(6.1, Vector::ZERO), Refusal::Absurd);
@@ -413,43 +397,26 @@ mod tests {
     #[test]
     fn zero_and_frozen_poses_are_no_poses() {
         let mut gate = gate();
-        let nowhere = Pose {
-            position_m: Vector::ZERO,
-            ..pose(0, 0.0, Vector::ZERO)
-        };
-        assert_eq!(
-            gate.judge(&nowhere, None, None, &[]),
-            Verdict::Refuse(Refusal::Absurd)
-        );
+        let nowhere = Pose { position_m: Vector::ZERO, ..pose(0, 0.0, Vector::ZERO) };
+        assert_eq!(gate.judge(&nowhere, None, None, &[]), Verdict::Refuse(Refusal::Absurd));
         let first = pose(1, 1.0, Vector::ZERO);
-        let again = Pose {
-            at: first.at + FRAME,
-            ..first
-        };
+        let again = Pose { at: first.at + FRAME, ..first };
         assert!(matches!(
             gate.judge(&first, Some(&expect(&first)), Some(&belief(first)), &[]),
             Verdict::Accept { .. }
         ));
         let verdict = gate.judge(&again, Some(&expect(&first)), Some(&belief(first)), &[]);
         assert_eq!(verdict, Verdict::Refuse(Refusal::Frozen));
-        let parked = Pose {
-            position_m: Vector::new(1.0, 0.0, 0.04),
-            ..first
-        };
+        let parked = Pose { position_m: Vector::new(1.0, 0.0, 0.04), ..first };
         for k in 0..8 {
-            let parked = Pose {
-                at: parked.at + FRAME * k,
-                ..parked
-            };
+            let parked = Pose { at: parked.at + FRAME * k, ..parked };
             let verdict = gate.judge(&parked, Some(&expect(&parked)), Some(&belief(parked)), &[]);
-            assert!(
-                matches!(verdict, Verdict::Accept { .. }),
-                "on the floor nothing moves"
-            );
+            assert!(matches!(verdict, Verdict::Accept { .. }), "on the floor nothing moves");
         }
     }
 
-    /// Shows frames 1.. of `at(frame)` to a gate that believes in standing still; at which frame it restarted.
+    /// Shows frames 1.. of `at(frame)` to a gate that believes in standing still; at which frame it
+    /// restarted.
     fn restarts(
         valid: impl Fn(i64) -> bool,
         neighbours: &[Neighbour],
@@ -458,10 +425,7 @@ mod tests {
         let before = pose(0, 0.0, Vector::ZERO);
         let mut gate = gate();
         (1..400).find(|&frame| {
-            let belief = Belief {
-                valid: valid(frame),
-                ..belief(before)
-            };
+            let belief = Belief { valid: valid(frame), ..belief(before) };
             let verdict = gate.judge(&at(frame), Some(&expect(&before)), Some(&belief), neighbours);
             matches!(verdict, Verdict::Restart { .. })
         })
@@ -493,10 +457,7 @@ mod tests {
     #[test]
     fn a_lasting_swap_is_never_believed() {
         for separation in [0.3, 1.0, 3.0] {
-            let other = |tracked| Neighbour {
-                position_m: Vector::new(separation, 0.0, 4.0),
-                tracked,
-            };
+            let other = |tracked| Neighbour { position_m: Vector::new(separation, 0.0, 4.0), tracked };
             for neighbour in [other(true), other(false)] {
                 let frame = restarts(|k| k < 20, &[neighbour], |k| pose(k, separation, Vector::ZERO));
                 assert_eq!(frame, None, "{separation} m");

@@ -1,13 +1,13 @@
 //! Where each vehicle is, and where it will be when a command takes effect.
 //!
-//! Camera poses describe the past, by the latency of motion capture; commands act in the future, by the delay of the
-//! command link. Per vehicle a filter lives at the newest exposure, moved from frame to frame by a model of the
-//! vehicle ([`model`]) that flies the very commands the radio sent ([`commands`]), and corrected by the poses that
-//! pass the gate ([`gate`]). From there the same model predicts, through the commands already sent, the state in
-//! which the vehicle will execute the next one ([`predict`]).
+//! Camera poses describe the past, by the latency of motion capture; commands act in the future, by the delay
+//! of the command link. Per vehicle a filter lives at the newest exposure, moved from frame to frame by a
+//! model of the vehicle (`model`) that flies the very commands the radio sent (`commands`), and corrected
+//! by the poses that pass the gate (`gate`). From there the same model predicts, through the commands
+//! already sent, the state in which the vehicle will execute the next one (`predict`).
 //!
-//! In a maneuver the vehicle ignores commands: the filter then follows the cameras alone. Without poses it coasts on
-//! the model, says so, and after 100 ms says that nothing may be flown on it.
+//! In a maneuver the vehicle ignores commands: the filter then follows the cameras alone. Without poses it
+//! coasts on the model, says so, and after 100 ms says that nothing may be flown on it.
 
 mod attitude;
 mod chain;
@@ -21,6 +21,7 @@ mod predict;
 mod testing;
 #[cfg(test)]
 mod tests;
+mod trail;
 mod translation;
 mod tuning;
 mod vehicle;
@@ -62,8 +63,10 @@ const REPORT_PERIOD: Span = Span::from_secs(1);
 #[derive(Debug)]
 pub struct Estimator {
     vehicles: Vec<(u8, VehicleEstimator)>,
-    future_max: Span,
+    latency: Span,
+    stamp_tolerance: Span,
     report_at: Time,
+    mistimed: u32,
     neighbours: Vec<Option<Neighbour>>,
     others: Vec<Neighbour>,
 }
@@ -76,31 +79,29 @@ impl Core for Estimator {
 
     fn new(arena: &Arena, tuning: Tuning, start: Start) -> Result<Self, ConfigError> {
         tuning.check()?;
+        // One camera system, one latency: the bridge stamps whole frames.
+        let latency_s = arena.fleet.first().map_or(0.0, |member| member.vehicle.links.mocap_latency_s);
         let vehicles = arena
             .fleet
             .iter()
             .map(|member| {
                 let vehicle = &member.vehicle;
-                (
-                    vehicle.id,
-                    VehicleEstimator::new(arena, vehicle, &tuning, start.at),
-                )
+                (vehicle.id, VehicleEstimator::new(arena, vehicle, &tuning, start.at))
             })
             .collect();
         Ok(Self {
             vehicles,
-            future_max: Span::from_secs_f64(tuning.timing.future_s_max),
+            latency: Span::from_secs_f64(latency_s),
+            stamp_tolerance: Span::from_secs_f64(tuning.timing.stamp_tolerance_s),
             report_at: start.at,
+            mistimed: 0,
             neighbours: Vec::new(),
             others: Vec::new(),
         })
     }
 
     fn deadline(&self) -> Option<Time> {
-        self.vehicles
-            .iter()
-            .map(|(_, vehicle)| vehicle.publish_at())
-            .min()
+        self.vehicles.iter().map(|(_, vehicle)| vehicle.publish_at()).min()
     }
 
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
@@ -128,17 +129,19 @@ impl Core for Estimator {
 
 impl Estimator {
     fn vehicle(&mut self, id: u8) -> Option<&mut VehicleEstimator> {
-        self.vehicles
-            .iter_mut()
-            .find(|(known, _)| *known == id)
-            .map(|(_, vehicle)| vehicle)
+        self.vehicles.iter_mut().find(|(known, _)| *known == id).map(|(_, vehicle)| vehicle)
     }
 
     fn frame(&mut self, now: Time, frame: &MocapFrame, out: &mut Outbox<Output>) {
-        if frame.exposed_at > now + self.future_max {
+        let age = frame.received_at.min(now) - frame.exposed_at;
+        // A frame's stamp comes from its number. Where the numbers slip, stamps are wrong until the bridge
+        // has found the new rhythm, and a wrong stamp is a wrong velocity: better none.
+        if (age - self.latency).abs() > self.stamp_tolerance {
+            self.mistimed += 1;
             if now >= self.report_at {
-                let detail = format!("frame {} exposed at {}, now {now}", frame.frame, frame.exposed_at);
-                out.event(now, Severity::Warning, 0, "frame-from-the-future", &detail);
+                let detail = format!("{age} old on arrival; {} such since the last report", self.mistimed);
+                out.event(now, Severity::Warning, 0, "frame-mistimed", &detail);
+                self.mistimed = 0;
                 self.report_at = now + REPORT_PERIOD;
             }
             return;
@@ -146,10 +149,8 @@ impl Estimator {
         // Where everybody is, before this frame moves anybody.
         let alone = self.vehicles.len() == 1;
         if !alone {
-            let neighbours = self
-                .vehicles
-                .iter()
-                .map(|(_, vehicle)| vehicle.as_neighbour(now, frame.exposed_at));
+            let neighbours =
+                self.vehicles.iter().map(|(_, vehicle)| vehicle.as_neighbour(now, frame.exposed_at));
             self.neighbours.clear();
             self.neighbours.extend(neighbours);
         }
@@ -159,16 +160,10 @@ impl Estimator {
             };
             self.others.clear();
             if !alone {
-                let others = self
-                    .neighbours
-                    .iter()
-                    .enumerate()
-                    .filter(|(other, _)| *other != index);
+                let others = self.neighbours.iter().enumerate().filter(|(other, _)| *other != index);
                 self.others.extend(others.filter_map(|(_, neighbour)| *neighbour));
             }
-            self.vehicles[index]
-                .1
-                .pose(now, frame.exposed_at, body, &self.others, out);
+            self.vehicles[index].1.pose(now, frame.exposed_at, body, &self.others, out);
         }
     }
 }

@@ -23,41 +23,26 @@ pub(crate) struct Reports {
 impl Reports {
     /// No report yet. A maneuver lasts at most `maneuver_max`; a report of the mode counts for `fresh`.
     pub fn new(maneuver_max: Span, fresh: Span) -> Self {
-        Self {
-            maneuver_max,
-            fresh,
-            maneuver: None,
-            mode: None,
-        }
+        Self { maneuver_max, fresh, maneuver: None, mode: None }
     }
 
     /// Takes a report.
     pub fn take(&mut self, now: Time, telemetry: &VehicleTelemetry) {
         self.mode = Some((now, telemetry.mode));
-        let known = self
-            .maneuver
-            .filter(|maneuver| maneuver.id == telemetry.maneuver_id);
+        let known = self.maneuver.filter(|maneuver| maneuver.id == telemetry.maneuver_id);
         match telemetry.maneuver_phase {
             ManeuverPhase::Running => {
                 // A report that was overtaken by the one of the end must not begin it again.
                 if known.is_none() {
                     let began_at = telemetry.began_at.min(now);
-                    self.maneuver = Some(Maneuver {
-                        id: telemetry.maneuver_id,
-                        began_at,
-                        ended_at: None,
-                    });
+                    self.maneuver = Some(Maneuver { id: telemetry.maneuver_id, began_at, ended_at: None });
                 }
             }
             ManeuverPhase::Completed | ManeuverPhase::Aborted => {
                 let began_at = known.map_or(telemetry.began_at, |maneuver| maneuver.began_at);
                 let ended_at = known.and_then(|maneuver| maneuver.ended_at);
                 let ended_at = Some(ended_at.unwrap_or(telemetry.ended_at.min(now)));
-                self.maneuver = Some(Maneuver {
-                    id: telemetry.maneuver_id,
-                    began_at,
-                    ended_at,
-                });
+                self.maneuver = Some(Maneuver { id: telemetry.maneuver_id, began_at, ended_at });
             }
             ManeuverPhase::None | ManeuverPhase::Refused => {}
         }
@@ -66,9 +51,7 @@ impl Reports {
     /// When the maneuver that runs at `at` began.
     pub fn running_since(&self, at: Time) -> Option<Time> {
         let maneuver = self.maneuver?;
-        let over_at = maneuver
-            .ended_at
-            .unwrap_or(maneuver.began_at.saturating_add(self.maneuver_max));
+        let over_at = maneuver.ended_at.unwrap_or(maneuver.began_at.saturating_add(self.maneuver_max));
         (at < over_at).then_some(maneuver.began_at)
     }
 
@@ -143,10 +126,7 @@ mod tests {
     fn only_a_fresh_report_makes_it_deaf() {
         let mut reports = reports();
         assert!(!reports.deaf(ms(0)));
-        let level = VehicleTelemetry {
-            mode: FlightMode::LevelHold,
-            ..VehicleTelemetry::default()
-        };
+        let level = VehicleTelemetry { mode: FlightMode::LevelHold, ..VehicleTelemetry::default() };
         reports.take(ms(100), &level);
         assert!(reports.deaf(ms(600)) && !reports.deaf(ms(601)));
     }

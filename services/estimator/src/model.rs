@@ -1,9 +1,10 @@
-//! What a vehicle does with a command: rate loops, mixer, four rotors with their lags, and the body they carry.
+//! What a vehicle does with a command: rate loops, mixer, four rotors with their lags, and the body they
+//! carry.
 //!
-//! It is the vehicle of the settings, as its builders believe it to be, plus two numbers learned in flight: the
-//! ratio of thrust had to thrust asked, and the drag. Between two poses, and from the newest pose to the execution
-//! of the next command, it moves by this model. In a maneuver, and whenever the vehicle follows nothing the ground
-//! sent, it instead moves on with the accelerations last seen.
+//! It is the vehicle of the settings, as its builders believe it to be, plus two numbers learned in flight:
+//! the ratio of thrust had to thrust asked, and the drag. Between two poses, and from the newest pose to the
+//! execution of the next command, it moves by this model. In a maneuver, and whenever the vehicle follows
+//! nothing the ground sent, it instead moves on with the accelerations last seen.
 
 use quantity::{Body, GRAVITY_M_S2, Rotation, Vector, World};
 use schemas::Kinematics;
@@ -182,36 +183,28 @@ impl Model {
             motion.angular_disturbance_rad_s2 * (1.0 - (decay.angular_1_s * step_s).min(1.0));
     }
 
-    /// Turns the rotors by what the firmware makes of the command; acceleration and angular acceleration meanwhile.
+    /// Turns the rotors by what the firmware makes of the command; acceleration and angular acceleration
+    /// meanwhile.
     fn commanded(&self, motion: &mut Motion, drive: Drive, step_s: f64) -> (Vector<World>, Vector<Body>) {
         let (collective, wanted_rate) = match drive {
-            Drive::Fly {
-                collective_m_s2,
-                rate_rad_s,
-            } => (collective_m_s2, rate_rad_s),
-            // Motors off is obeyed on the floor only; elsewhere, and without commands, the vehicle keeps its height.
+            Drive::Fly { collective_m_s2, rate_rad_s } => (collective_m_s2, rate_rad_s),
+            // Motors off is obeyed on the floor only; elsewhere, and without commands, the vehicle keeps its
+            // height.
             Drive::Off if motion.kinematics.position_m.z < self.floor_height_m => (0.0, Vector::ZERO),
             Drive::Off | Drive::Silent => (GRAVITY_M_S2 / self.thrust_ratio, Vector::ZERO),
         };
         let k = &motion.kinematics;
         let [ix, iy, iz] = self.inertia_kg_m2;
         let error = wanted_rate - k.rate_rad_s;
-        // Lupashin 2010, eqs. (7), (8) and their counterparts about x; about z the rotors' drag turns the body.
+        // Lupashin 2010, eqs. (7), (8) and their counterparts about x; about z the rotors' drag turns the
+        // body.
         let each = 0.25 * self.mass_kg * collective;
         let roll = 0.5 * ix * self.rate_gain_1_s * error.x / self.arm_m;
         let pitch = 0.5 * iy * self.rate_gain_1_s * error.y / self.arm_m;
         let yaw = 0.25 * iz * self.yaw_gain_1_s * error.z / self.drag_torque_m;
         let yaw = yaw.clamp(-self.yaw_thrust_n_max, self.yaw_thrust_n_max);
-        let wanted = [
-            each - pitch + yaw,
-            each + pitch + yaw,
-            each + roll - yaw,
-            each - roll - yaw,
-        ];
-        let (up, down) = (
-            approach(self.gain_up_1_s * step_s),
-            approach(self.gain_down_1_s * step_s),
-        );
+        let wanted = [each - pitch + yaw, each + pitch + yaw, each + roll - yaw, each - roll - yaw];
+        let (up, down) = (approach(self.gain_up_1_s * step_s), approach(self.gain_down_1_s * step_s));
         let mut middle = [0.0; 4];
         for ((thrust, wanted), middle) in motion.thrust_n.iter_mut().zip(wanted).zip(&mut middle) {
             let wanted = wanted.clamp(self.thrust_n_min, self.thrust_n_max);
@@ -252,8 +245,8 @@ fn rest(motion: &mut Motion, step_s: f64) {
     motion.angular_disturbance_rad_s2 = motion.angular_disturbance_rad_s2 * keep;
 }
 
-/// As [`Rotation::turned`] for turns below a fifth of a radian, without trigonometry; the length drifts by less
-/// than 1e-8 per turn and is restored by [`Rotation::renormalised`] where a path of turns ends.
+/// As [`Rotation::turned`] for turns below a fifth of a radian, without trigonometry; the length drifts by
+/// less than 1e-8 per turn and is restored by [`Rotation::renormalised`] where a path of turns ends.
 pub(crate) fn turned_little(
     orientation: Rotation<Body, World>,
     turn_rad: Vector<Body>,
@@ -275,20 +268,15 @@ mod tests {
     use super::*;
     use crate::testing;
 
-    const DECAY: Decay = Decay {
-        acceleration_1_s: 1.0,
-        angular_1_s: 20.0,
-    };
+    const DECAY: Decay = Decay { acceleration_1_s: 1.0, angular_1_s: 20.0 };
 
     fn model() -> Model {
         Model::new(&testing::vehicle(), &ModelTuning::default())
     }
 
     fn hovering(model: &Model, height_m: f64) -> Motion {
-        let mut motion = Motion::new(Kinematics {
-            position_m: Vector::new(0.0, 0.0, height_m),
-            ..Kinematics::default()
-        });
+        let mut motion =
+            Motion::new(Kinematics { position_m: Vector::new(0.0, 0.0, height_m), ..Kinematics::default() });
         model.explain(&mut motion, Vector::ZERO, Vector::ZERO);
         motion
     }
@@ -296,11 +284,7 @@ mod tests {
     #[test]
     fn little_turns_are_turns() {
         let start = Rotation::from_yaw_pitch_roll(0.4, -0.9, 2.0);
-        for turn in [
-            Vector::new(0.1, 0.0, -0.05),
-            Vector::new(1e-9, 0.0, 0.0),
-            Vector::new(0.0, 0.7, 0.3),
-        ] {
+        for turn in [Vector::new(0.1, 0.0, -0.05), Vector::new(1e-9, 0.0, 0.0), Vector::new(0.0, 0.7, 0.3)] {
             let exact = start.turned(turn);
             let little = turned_little(start, turn);
             assert!(exact.angle_to(little.renormalised()) < 1e-9, "{turn:?}");
@@ -311,37 +295,25 @@ mod tests {
     fn hover_stays_and_rates_are_reached() {
         let model = model();
         let mut motion = hovering(&model, 4.0);
-        let hover = Drive::Fly {
-            collective_m_s2: GRAVITY_M_S2,
-            rate_rad_s: Vector::ZERO,
-        };
+        let hover = Drive::Fly { collective_m_s2: GRAVITY_M_S2, rate_rad_s: Vector::ZERO };
         for _ in 0..400 {
             model.advance(&mut motion, Regime::Commanded, hover, &DECAY, 0.0025);
         }
         assert!((motion.kinematics.position_m.z - 4.0).abs() < 1e-9);
-        let turn = Drive::Fly {
-            collective_m_s2: GRAVITY_M_S2,
-            rate_rad_s: Vector::new(0.0, 1.0, 0.2),
-        };
+        let turn = Drive::Fly { collective_m_s2: GRAVITY_M_S2, rate_rad_s: Vector::new(0.0, 1.0, 0.2) };
         for _ in 0..200 {
             model.advance(&mut motion, Regime::Commanded, turn, &DECAY, 0.0025);
         }
         let rate = motion.kinematics.rate_rad_s;
         assert!((rate - Vector::new(0.0, 1.0, 0.2)).norm() < 0.02, "{rate:?}");
-        assert!(
-            motion.kinematics.orientation.z_axis().x > 0.3,
-            "positive pitch tips the thrust toward +x"
-        );
+        assert!(motion.kinematics.orientation.z_axis().x > 0.3, "positive pitch tips the thrust toward +x");
     }
 
     #[test]
     fn torque_is_what_the_rotors_can_give() {
         let model = model();
         let mut motion = hovering(&model, 4.0);
-        let jerk = Drive::Fly {
-            collective_m_s2: GRAVITY_M_S2,
-            rate_rad_s: Vector::new(1000.0, 0.0, 0.0),
-        };
+        let jerk = Drive::Fly { collective_m_s2: GRAVITY_M_S2, rate_rad_s: Vector::new(1000.0, 0.0, 0.0) };
         for _ in 0..600 {
             model.advance(&mut motion, Regime::Commanded, jerk, &DECAY, 0.0005);
         }
@@ -352,10 +324,7 @@ mod tests {
     #[test]
     fn steps_of_any_size_agree() {
         let model = model();
-        let drive = Drive::Fly {
-            collective_m_s2: 12.0,
-            rate_rad_s: Vector::new(2.0, -3.0, 0.5),
-        };
+        let drive = Drive::Fly { collective_m_s2: 12.0, rate_rad_s: Vector::new(2.0, -3.0, 0.5) };
         let fly = |step_s: f64, steps: u32| {
             let mut motion = hovering(&model, 4.0);
             for _ in 0..steps {
@@ -377,20 +346,15 @@ mod tests {
     #[test]
     fn the_floor_carries_what_the_thrust_does_not() {
         let model = model();
-        let mut motion = Motion::new(Kinematics {
-            position_m: Vector::new(1.0, 1.0, 0.04),
-            ..Kinematics::default()
-        });
+        let mut motion =
+            Motion::new(Kinematics { position_m: Vector::new(1.0, 1.0, 0.04), ..Kinematics::default() });
         motion.kinematics.velocity_m_s = Vector::new(0.1, 0.0, -0.3);
         for _ in 0..400 {
             model.advance(&mut motion, Regime::Commanded, Drive::Off, &DECAY, 0.0025);
         }
         assert!(motion.resting && motion.kinematics.velocity_m_s.norm() < 1e-9);
         assert!((motion.kinematics.position_m.z - 0.04).abs() < 1e-12);
-        let take_off = Drive::Fly {
-            collective_m_s2: 12.0,
-            rate_rad_s: Vector::ZERO,
-        };
+        let take_off = Drive::Fly { collective_m_s2: 12.0, rate_rad_s: Vector::ZERO };
         for _ in 0..200 {
             model.advance(&mut motion, Regime::Commanded, take_off, &DECAY, 0.0025);
         }
@@ -406,10 +370,7 @@ mod tests {
         let angular = Vector::new(5.0, -10.0, 0.0);
         model.explain(&mut motion, wanted, angular);
         let thrusts = motion.thrust_n.iter().sum::<f64>() / 0.468;
-        let drive = Drive::Fly {
-            collective_m_s2: thrusts,
-            rate_rad_s: angular * (1.0 / 40.0),
-        };
+        let drive = Drive::Fly { collective_m_s2: thrusts, rate_rad_s: angular * (1.0 / 40.0) };
         model.advance(&mut motion, Regime::Commanded, drive, &DECAY, 1e-6);
         assert!((motion.acceleration_m_s2 - wanted).norm() < 1e-3);
         assert!((motion.angular_acceleration_rad_s2 - angular).norm() < 1e-2);

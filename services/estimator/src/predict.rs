@@ -33,8 +33,7 @@ impl Path<'_> {
             let steps = ((end - at).as_nanos() + self.step.as_nanos() - 1) / self.step.as_nanos();
             let step_s = (end - at).as_secs_f64() / steps as f64;
             for _ in 0..steps {
-                self.model
-                    .advance(motion, self.regime, drive, &self.decay, step_s);
+                self.model.advance(motion, self.regime, drive, &self.decay, step_s);
             }
             at = end;
         }

@@ -50,11 +50,7 @@ impl Dice {
     }
 
     pub fn vector<F: quantity::Frame>(&mut self, sigma: f64) -> Vector<F> {
-        Vector::new(
-            self.normal() * sigma,
-            self.normal() * sigma,
-            self.normal() * sigma,
-        )
+        Vector::new(self.normal() * sigma, self.normal() * sigma, self.normal() * sigma)
     }
 }
 
@@ -113,6 +109,8 @@ pub(crate) struct Loop {
     /// What the vehicle flies just now; a test may put a maneuver's commands here and take the queue away.
     pub flown: Flown,
     pub radio: bool,
+    /// Added to the frames' stamps.
+    pub stamp_error: Span,
     pub obeying: bool,
     pub history: Vec<(Time, Kinematics)>,
 }
@@ -125,17 +123,9 @@ impl Loop {
         links.mocap_latency_s = mocap_latency_ms as f64 * 1e-3;
         links.command_delay_s = command_delay_ms as f64 * 1e-3;
         let now = Time::from_nanos(1_000_000_000);
-        let start = Start {
-            at: now,
-            seed: Seed(1),
-            incarnation: 1,
-        };
-        let mut truth = Kinematics::default();
-        truth.position_m = Vector::new(0.0, 0.0, 4.0);
-        let hover = Flown {
-            collective_m_s2: 9.81 / departures.thrust_ratio,
-            rate_rad_s: Vector::ZERO,
-        };
+        let start = Start { at: now, seed: Seed(1), incarnation: 1 };
+        let truth = Kinematics { position_m: Vector::new(0.0, 0.0, 4.0), ..Kinematics::default() };
+        let hover = Flown { collective_m_s2: 9.81 / departures.thrust_ratio, rate_rad_s: Vector::ZERO };
         Self {
             now,
             truth,
@@ -153,6 +143,7 @@ impl Loop {
             queue: VecDeque::new(),
             flown: hover,
             radio: true,
+            stamp_error: Span::ZERO,
             obeying: true,
             history: Vec::new(),
         }
@@ -165,27 +156,20 @@ impl Loop {
     /// Steps the estimator with a message.
     pub fn hear(&mut self, input: impl Into<Input>) {
         let mut out = Outbox::default();
-        self.estimator
-            .step(self.now, Event::Input(input.into()), &mut out);
+        self.estimator.step(self.now, Event::Input(input.into()), &mut out);
         self.drain(&mut out);
     }
 
     fn drain(&mut self, out: &mut Outbox<Output>) {
-        self.events
-            .extend(out.take_events().map(|event| event.name.to_string()));
-        self.states
-            .extend(out.take_messages().map(|Output::State(state)| state));
+        self.events.extend(out.take_events().map(|event| event.name.to_string()));
+        self.states.extend(out.take_messages().map(|Output::State(state)| state));
     }
 
     /// Tells the estimator of a maneuver.
     pub fn report(&mut self, phase: ManeuverPhase, began_at: Time, ended_at: Time) {
         self.hear(VehicleTelemetry {
             vehicle: 1,
-            mode: if phase == ManeuverPhase::Running {
-                FlightMode::Maneuver
-            } else {
-                FlightMode::Flying
-            },
+            mode: if phase == ManeuverPhase::Running { FlightMode::Maneuver } else { FlightMode::Flying },
             maneuver_phase: phase,
             maneuver_id: 1,
             began_at,
@@ -247,7 +231,7 @@ impl Loop {
         let bodies: Vec<MocapBody> = body.into_iter().collect();
         let frame = MocapFrame {
             frame: 0,
-            exposed_at: self.now,
+            exposed_at: self.now + self.stamp_error,
             received_at: arrives_at,
             bodies: bodies.try_into().expect("one body fits"),
         };
@@ -271,12 +255,7 @@ impl Loop {
         let pitch = inertia[1] * 40.0 * error.y / (2.0 * arm);
         let yaw = inertia[2] * 8.0 * error.z / (4.0 * drag_torque);
         let yaw = yaw.clamp(-0.2, 0.2);
-        let wanted = [
-            each - pitch + yaw,
-            each + pitch + yaw,
-            each + roll - yaw,
-            each - roll - yaw,
-        ];
+        let wanted = [each - pitch + yaw, each + pitch + yaw, each + roll - yaw, each - roll - yaw];
         for (thrust, wanted) in self.thrust_n.iter_mut().zip(wanted) {
             let wanted = wanted.clamp(0.08, 2.8);
             *thrust += h * if wanted > *thrust { 50.0 } else { 25.0 } * (wanted - *thrust);
@@ -301,10 +280,7 @@ impl Loop {
     /// The truth at an instant of the past.
     pub fn truth_at(&self, at: Time) -> Option<&Kinematics> {
         let index = self.history.partition_point(|(known, _)| *known < at);
-        self.history
-            .get(index)
-            .filter(|(known, _)| (*known - at).abs() < TICK)
-            .map(|(_, truth)| truth)
+        self.history.get(index).filter(|(known, _)| (*known - at).abs() < TICK).map(|(_, truth)| truth)
     }
 }
 
@@ -339,12 +315,7 @@ pub(crate) fn circle(seconds: f64, truth: &Kinematics) -> Flown {
     let (sin, cos) = math::sin_cos(omega * seconds);
     let position = Vector::new(1.5 * cos, 1.5 * sin, 4.0);
     let velocity = Vector::new(-2.0 * sin, 2.0 * cos, 0.0);
-    follow(
-        truth,
-        position,
-        velocity,
-        Vector::new(cos, sin, 0.0) * (-1.5 * omega * omega),
-    )
+    follow(truth, position, velocity, Vector::new(cos, sin, 0.0) * (-1.5 * omega * omega))
 }
 
 /// A turned copy of a body: a symmetry of the marker triangle.

@@ -61,8 +61,7 @@ impl TranslationFilter {
                 quantity::math::sqrt(self.growth(regime).disturbance_variance)
             }
         };
-        self.chain
-            .widen(0.5 * sigma * late_s * late_s, sigma * late_s, sigma);
+        self.chain.widen(0.5 * sigma * late_s * late_s, sigma * late_s, sigma);
     }
 
     /// Time passes.

@@ -7,8 +7,8 @@ use settings::ConfigError;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tuning {
-    /// Whether `prediction` is carried to the execution of the next command. Off, it repeats the estimate: for
-    /// showing what prediction is worth, never for flying.
+    /// Whether `prediction` is carried to the execution of the next command. Off, it repeats the estimate:
+    /// for showing what prediction is worth, never for flying.
     pub prediction: bool,
     /// How long data lasts, and how often the estimator speaks.
     pub timing: TimingTuning,
@@ -26,8 +26,12 @@ pub struct Tuning {
 pub struct TimingTuning {
     /// A state stays valid so long after the last accepted pose should have arrived.
     pub coast_s: f64,
-    /// A state stays valid so long after the end of a maneuver, whatever the cameras saw of it.
+    /// A state stays valid so long after the end of a maneuver ...
     pub flip_coast_s: f64,
+    /// ... if the cameras lost sight of the vehicle no longer than this before that end. Within a maneuver
+    /// nothing but the cameras tells how the vehicle turns: of one unseen for longer, the attitude is not
+    /// known.
+    pub flip_blind_s_max: f64,
     /// Without an accepted pose for so long, a state is called coasting.
     pub degraded_after_s: f64,
     /// Without a pose for so long, states are published from the model alone.
@@ -50,8 +54,9 @@ pub struct TimingTuning {
     pub slot_lead_s: f64,
     /// No prediction reaches further than this.
     pub horizon_s_max: f64,
-    /// A frame exposed later than now by more than this is refused.
-    pub future_s_max: f64,
+    /// Frames are on their way as long as the latency setting says, give or take this; others are late or
+    /// wrongly stamped.
+    pub stamp_tolerance_s: f64,
     /// Greatest step of the model's integration.
     pub step_s: f64,
 }
@@ -102,8 +107,11 @@ pub struct GateTuning {
     pub position_m_max: f64,
     /// An attitude may lie so far from the prediction, besides `sigmas`.
     pub attitude_rad: f64,
-    /// ... but never further than this; below a quarter turn, so that marker symmetries never fit.
+    /// ... but never further than this; half a quarter turn, so that of two ways to match the markers only
+    /// the nearer can fit.
     pub attitude_rad_max: f64,
+    /// A filter less certain of its attitude than this compares with nothing: it must start anew.
+    pub attitude_sigma_rad_max: f64,
     /// Multiples of the filter's own uncertainty added to both.
     pub sigmas: f64,
     /// Distance two successive poses may lie apart, besides what `speed_m_s_max` explains.
@@ -126,7 +134,8 @@ pub struct GateTuning {
     pub neighbour_m: f64,
     /// Poses further than this outside the hall are refused.
     pub hall_margin_m: f64,
-    /// The centre of a vehicle is never lower; what millimetres read as metres make of any height in a hall is.
+    /// The centre of a vehicle is never lower; what millimetres read as metres make of any height in a hall
+    /// is.
     pub height_m_min: f64,
 }
 
@@ -163,6 +172,7 @@ impl Default for TimingTuning {
         Self {
             coast_s: 0.1,
             flip_coast_s: 0.2,
+            flip_blind_s_max: 0.08,
             degraded_after_s: 0.025,
             silence_s: 0.0075,
             coast_period_s: 0.005,
@@ -174,7 +184,7 @@ impl Default for TimingTuning {
             anywhere_s: 10.0,
             slot_lead_s: 0.0003,
             horizon_s_max: 0.25,
-            future_s_max: 0.002,
+            stamp_tolerance_s: 0.005,
             step_s: 0.0025,
         }
     }
@@ -208,7 +218,8 @@ impl Default for GateTuning {
             position_m: 0.05,
             position_m_max: 0.5,
             attitude_rad: 0.35,
-            attitude_rad_max: 1.2,
+            attitude_rad_max: 0.75,
+            attitude_sigma_rad_max: 0.3,
             sigmas: 5.0,
             jump_m: 0.10,
             speed_m_s_max: 10.0,
@@ -244,6 +255,7 @@ impl Tuning {
         for (key, value, min, max) in [
             ("timing.coast_s", timing.coast_s, 0.01, 1.0),
             ("timing.flip_coast_s", timing.flip_coast_s, 0.0, 1.0),
+            ("timing.flip_blind_s_max", timing.flip_blind_s_max, 0.0, 5.0),
             ("timing.degraded_after_s", timing.degraded_after_s, 0.001, 1.0),
             ("timing.silence_s", timing.silence_s, 0.001, 1.0),
             ("timing.coast_period_s", timing.coast_period_s, 0.001, 1.0),
@@ -255,73 +267,34 @@ impl Tuning {
             ("timing.anywhere_s", timing.anywhere_s, 1.0, 1e6),
             ("timing.slot_lead_s", timing.slot_lead_s, 0.0, 0.02),
             ("timing.horizon_s_max", timing.horizon_s_max, 0.0, 1.0),
-            ("timing.future_s_max", timing.future_s_max, 0.0, 0.1),
+            ("timing.stamp_tolerance_s", timing.stamp_tolerance_s, 0.0005, 1.0),
             ("timing.step_s", timing.step_s, 0.0002, 0.01),
             ("noise.position_m", noise.position_m, 1e-6, 1.0),
             ("noise.attitude_rad", noise.attitude_rad, 1e-6, 1.0),
             ("noise.disturbance_m_s2", noise.disturbance_m_s2, 1e-6, 100.0),
             ("noise.disturbance_time_s", noise.disturbance_time_s, 0.01, 100.0),
             ("noise.velocity_walk_m_s", noise.velocity_walk_m_s, 0.0, 10.0),
-            (
-                "noise.angular_disturbance_rad_s2",
-                noise.angular_disturbance_rad_s2,
-                1e-6,
-                1000.0,
-            ),
-            (
-                "noise.angular_disturbance_time_s",
-                noise.angular_disturbance_time_s,
-                0.01,
-                100.0,
-            ),
+            ("noise.angular_disturbance_rad_s2", noise.angular_disturbance_rad_s2, 1e-6, 1000.0),
+            ("noise.angular_disturbance_time_s", noise.angular_disturbance_time_s, 0.01, 100.0),
             ("noise.rate_walk_rad_s", noise.rate_walk_rad_s, 0.0, 100.0),
             ("noise.rate_scale_ratio", noise.rate_scale_ratio, 0.0, 1.0),
-            (
-                "noise.ballistic_acceleration_m_s2",
-                noise.ballistic_acceleration_m_s2,
-                1e-3,
-                1000.0,
-            ),
-            (
-                "noise.ballistic_angular_rad_s2",
-                noise.ballistic_angular_rad_s2,
-                1e-3,
-                10_000.0,
-            ),
+            ("noise.ballistic_acceleration_m_s2", noise.ballistic_acceleration_m_s2, 1e-3, 1000.0),
+            ("noise.ballistic_angular_rad_s2", noise.ballistic_angular_rad_s2, 1e-3, 10_000.0),
             ("noise.ballistic_time_s", noise.ballistic_time_s, 0.01, 10.0),
-            (
-                "noise.unknown_acceleration_m_s2",
-                noise.unknown_acceleration_m_s2,
-                1e-3,
-                1000.0,
-            ),
-            (
-                "noise.unknown_angular_rad_s2",
-                noise.unknown_angular_rad_s2,
-                1e-3,
-                10_000.0,
-            ),
+            ("noise.unknown_acceleration_m_s2", noise.unknown_acceleration_m_s2, 1e-3, 1000.0),
+            ("noise.unknown_angular_rad_s2", noise.unknown_angular_rad_s2, 1e-3, 10_000.0),
             ("noise.unknown_time_s", noise.unknown_time_s, 0.01, 10.0),
             ("gate.position_m", gate.position_m, 0.001, gate.position_m_max),
             ("gate.position_m_max", gate.position_m_max, 0.001, 10.0),
-            (
-                "gate.attitude_rad",
-                gate.attitude_rad,
-                0.01,
-                gate.attitude_rad_max,
-            ),
+            ("gate.attitude_rad", gate.attitude_rad, 0.01, gate.attitude_rad_max),
             ("gate.attitude_rad_max", gate.attitude_rad_max, 0.01, 1.5),
+            ("gate.attitude_sigma_rad_max", gate.attitude_sigma_rad_max, 0.01, 1.0),
             ("gate.sigmas", gate.sigmas, 0.0, 100.0),
             ("gate.jump_m", gate.jump_m, 0.001, 10.0),
             ("gate.speed_m_s_max", gate.speed_m_s_max, 0.1, 100.0),
             ("gate.jump_rad", gate.jump_rad, 0.01, 1.5),
             ("gate.rate_rad_s_max", gate.rate_rad_s_max, 0.1, 200.0),
-            (
-                "gate.reacquire_frames",
-                f64::from(gate.reacquire_frames),
-                2.0,
-                1000.0,
-            ),
+            ("gate.reacquire_frames", f64::from(gate.reacquire_frames), 2.0, 1000.0),
             ("gate.reacquire_gap_s", gate.reacquire_gap_s, 0.005, 1.0),
             ("gate.reacquire_rad", gate.reacquire_rad, 0.0, 3.2),
             ("gate.reacquire_rad_s", gate.reacquire_rad_s, 0.0, 100.0),

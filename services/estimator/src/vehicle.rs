@@ -25,6 +25,7 @@ const LATENESS_MAX: Span = Span::from_millis(100);
 struct Times {
     coast: Span,
     flip_coast: Span,
+    flip_blind_max: Span,
     degraded_after: Span,
     silence: Span,
     coast_period: Span,
@@ -75,6 +76,7 @@ impl VehicleEstimator {
             times: Times {
                 coast: span(timing.coast_s),
                 flip_coast: span(timing.flip_coast_s),
+                flip_blind_max: span(timing.flip_blind_s_max),
                 degraded_after: span(timing.degraded_after_s),
                 silence: span(timing.silence_s),
                 coast_period: span(timing.coast_period_s),
@@ -89,21 +91,13 @@ impl VehicleEstimator {
             model: Model::new(vehicle, &tuning.model),
             commands: Commands::new(span(timing.command_s_max)),
             reports: Reports::new(span(timing.maneuver_s_max), span(timing.telemetry_s_max)),
-            gate: Gate::new(
-                &tuning.gate,
-                &arena.hall,
-                tuning.model.floor_height_m,
-                span(timing.anywhere_s),
-            ),
+            gate: Gate::new(&tuning.gate, &arena.hall, tuning.model.floor_height_m, span(timing.anywhere_s)),
             filter: None,
             believed: None,
             seen_at: None,
             accepted_frames: 0,
             lost: true,
-            state: VehicleState {
-                vehicle: vehicle.id,
-                ..VehicleState::default()
-            },
+            state: VehicleState { vehicle: vehicle.id, ..VehicleState::default() },
             publish_at: start + span(timing.invalid_period_s),
             refused_count: 0,
             report_at: start,
@@ -159,25 +153,17 @@ impl VehicleEstimator {
             self.refuse(now, Refusal::Absurd, out);
             return;
         };
-        let pose = Pose {
-            at: exposed_at,
-            position_m: body.position_m,
-            orientation,
-        };
+        let pose = Pose { at: exposed_at, position_m: body.position_m, orientation };
         self.forget_if_old(exposed_at);
         self.advance(now, exposed_at);
         let expectation = self.filter.as_ref().map(Filter::expectation);
         let belief = self.belief(now);
-        match self
-            .gate
-            .judge(&pose, expectation.as_ref(), belief.as_ref(), neighbours)
-        {
+        match self.gate.judge(&pose, expectation.as_ref(), belief.as_ref(), neighbours) {
             Verdict::Accept { position_m, turn_rad } => {
                 if let Some(filter) = &mut self.filter {
                     filter.correct(position_m, turn_rad);
-                    let span_s = self
-                        .believed
-                        .map_or(0.0, |believed| (pose.at - believed.pose.at).as_secs_f64());
+                    let span_s =
+                        self.believed.map_or(0.0, |believed| (pose.at - believed.pose.at).as_secs_f64());
                     filter.teach(&mut self.model, &self.tuning.model, span_s.min(0.05));
                 }
                 self.accepted_frames = self.accepted_frames.saturating_add(1);
@@ -202,6 +188,12 @@ impl VehicleEstimator {
     pub fn silence(&mut self, now: Time, out: &mut Outbox<Output>) {
         self.forget_if_old(now);
         let tracking = self.tracking(now);
+        let unseen = self.believed.map_or(Span::ZERO, |believed| now - believed.pose.at);
+        // In a maneuver the state is not called invalid; but whoever flies on it needs to know that it rests
+        // on nothing.
+        if tracking == Tracking::Ballistic && unseen > self.times.flip_blind_max {
+            self.accepted_frames = 0;
+        }
         if tracking == Tracking::Invalid {
             self.accepted_frames = 0;
             if !self.lost {
@@ -223,24 +215,14 @@ impl VehicleEstimator {
         // The moment of becoming invalid is news of its own.
         let next = now + period;
         let expires_at = self.state.valid_until + Span::from_nanos(1);
-        self.publish_at = if expires_at > now {
-            next.min(expires_at)
-        } else {
-            next
-        };
+        self.publish_at = if expires_at > now { next.min(expires_at) } else { next };
     }
 
     fn believe(&mut self, now: Time, pose: Pose, out: &mut Outbox<Output>) {
         let Some(filter) = &self.filter else { return };
         if !filter.is_sound() {
             self.filter = None;
-            out.event(
-                now,
-                Severity::Fault,
-                self.id,
-                "filter-unsound",
-                "the filter was dropped",
-            );
+            out.event(now, Severity::Fault, self.id, "filter-unsound", "the filter was dropped");
             return;
         }
         let turning = filter.regime() == Regime::Ballistic
@@ -295,12 +277,8 @@ impl VehicleEstimator {
 
     fn belief(&self, now: Time) -> Option<Belief> {
         let believed = self.believed.as_ref()?;
-        let valid = now <= self.valid_until(now);
-        Some(Belief {
-            pose: believed.pose,
-            valid,
-            turning: believed.turning,
-        })
+        let valid = self.filter.is_some() && now <= believed.pose.at + self.mocap_latency + self.times.coast;
+        Some(Belief { pose: believed.pose, valid, turning: believed.turning })
     }
 
     /// Until when the state may be acted on.
@@ -313,8 +291,7 @@ impl VehicleEstimator {
         if self.reports.running_since(now).is_some() {
             until = until.max(now + self.times.flip_coast);
         } else if let Some(ended_at) = self.reports.ended_at()
-            // Past that, too much of the flip was guessed for anybody to act on it.
-            && ended_at - arrived_at <= self.times.forget
+            && ended_at - believed.pose.at <= self.times.flip_blind_max
         {
             until = until.max(ended_at + self.times.flip_coast);
         }
@@ -353,8 +330,8 @@ impl VehicleEstimator {
             let regime = self.regime_at(now, now);
             let mut filter_now;
             let filter = if onward && regime != filter.regime() {
-                // The vehicle has meanwhile begun or ended a maneuver: what moves on is a copy, so that the next
-                // pose still meets the filter at its own instant.
+                // The vehicle has meanwhile begun or ended a maneuver: what moves on is a copy, so that the
+                // next pose still meets the filter at its own instant.
                 filter_now = filter.clone();
                 filter_now.enter(regime, &self.model, Span::ZERO);
                 &filter_now
@@ -370,9 +347,7 @@ impl VehicleEstimator {
             }
             self.state.estimated_for = at;
             self.state.estimate = motion.kinematics;
-            let effect_at = self
-                .commands
-                .next_effect(now, self.times.slot_lead, self.command_delay);
+            let effect_at = self.commands.next_effect(now, self.times.slot_lead, self.command_delay);
             self.state.predicted_for = effect_at.min(now + self.times.horizon_max).max(at);
             if self.tuning.prediction {
                 path.carry(&mut motion, at, self.state.predicted_for);
@@ -384,10 +359,7 @@ impl VehicleEstimator {
         if !self.is_speakable() {
             // Never seen to happen; a number gone wrong must still not reach the bus.
             self.filter = None;
-            self.state = VehicleState {
-                vehicle: self.id,
-                ..VehicleState::default()
-            };
+            self.state = VehicleState { vehicle: self.id, ..VehicleState::default() };
         }
         out.publish(self.state);
     }

@@ -38,7 +38,14 @@ pub(crate) struct RestVoltage {
 
 impl RestVoltage {
     /// Takes a report.
-    pub(crate) fn take(&mut self, at: Time, battery_v: f64, load: Load, battery: &Battery, tuning: &BatteryTuning) {
+    pub(crate) fn take(
+        &mut self,
+        at: Time,
+        battery_v: f64,
+        load: Load,
+        battery: &Battery,
+        tuning: &BatteryTuning,
+    ) {
         let at_rest_v = match load {
             Load::None => battery_v,
             Load::Hover => battery_v + battery.hover_sag_v,

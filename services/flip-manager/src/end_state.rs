@@ -57,16 +57,10 @@ fn position_and_velocity(
     at: Time,
     tuning: &MeasureTuning,
 ) -> Option<(Vector<World>, Vector<World>)> {
-    let positions = around(
-        poses,
-        at,
-        tuning.position_window_s,
-        tuning.position_error_m_max,
-        |pose| {
-            let p = pose.position_m;
-            SVector::from([p.x, p.y, p.z])
-        },
-    );
+    let positions = around(poses, at, tuning.position_window_s, tuning.position_error_m_max, |pose| {
+        let p = pose.position_m;
+        SVector::from([p.x, p.y, p.z])
+    });
     let fit = Kinked::fit(positions, tuning.poses_min)?;
     let [value, slope] = [fit.value, fit.slope_1_s].map(|v| Vector::new(v[0], v[1], v[2]));
     Some((value, slope))
@@ -92,20 +86,14 @@ fn pitch_rad(poses: &Poses, at: Time, forward: Vector<World>, tuning: &MeasureTu
     };
     let window = Span::from_secs_f64(tuning.attitude_window_s);
     // Fitted as the difference from their mean direction: an angle near the cut at π must not jump.
-    let (sin, cos) = poses
-        .between(at - window, at + window)
-        .fold((0.0, 0.0), |(sin_sum, cos_sum), pose| {
-            let (sin, cos) = math::sin_cos(pitch(pose));
-            (sin_sum + sin, cos_sum + cos)
-        });
+    let (sin, cos) = poses.between(at - window, at + window).fold((0.0, 0.0), |(sin_sum, cos_sum), pose| {
+        let (sin, cos) = math::sin_cos(pitch(pose));
+        (sin_sum + sin, cos_sum + cos)
+    });
     let reference = math::atan2(sin, cos);
-    let pitches = around(
-        poses,
-        at,
-        tuning.attitude_window_s,
-        tuning.attitude_error_rad_max,
-        |pose| SVector::from([math::wrap_pi(pitch(pose) - reference)]),
-    );
+    let pitches = around(poses, at, tuning.attitude_window_s, tuning.attitude_error_rad_max, |pose| {
+        SVector::from([math::wrap_pi(pitch(pose) - reference)])
+    });
     let fit = Kinked::fit(pitches, tuning.poses_min)?;
     Some(math::wrap_pi(reference + fit.value[0]))
 }
@@ -135,16 +123,9 @@ fn around<const D: usize>(
     let window = Span::from_secs_f64(window_s);
     let samples = poses
         .between(at - window, at + window)
-        .map(|pose| Sample {
-            time: (pose.at - at).as_secs_f64() / window_s,
-            value: read(pose),
-        })
+        .map(|pose| Sample { time: (pose.at - at).as_secs_f64() / window_s, value: read(pose) })
         .collect();
-    Around {
-        window_s,
-        off_max,
-        samples,
-    }
+    Around { window_s, off_max, samples }
 }
 
 /// Value and slope at the instant of a least-squares cubic whose third derivative may jump there.
@@ -197,20 +178,13 @@ impl<const D: usize> LeastSquares<D> {
             let row = basis(sample.time);
             normal += row * row.transpose();
             right += row * sample.value.transpose();
-            if sample.time <= 0.0 {
-                before += 1
-            } else {
-                after += 1
-            }
+            if sample.time <= 0.0 { before += 1 } else { after += 1 }
         }
         if before < each_side_min || after < each_side_min {
             return None;
         }
         let covariance = normal.cholesky()?.inverse();
-        Some(Self {
-            coefficients: covariance * right,
-            covariance,
-        })
+        Some(Self { coefficients: covariance * right, covariance })
     }
 
     /// The measurement furthest from what the others make of it, if that is too far.
@@ -223,12 +197,7 @@ impl<const D: usize> LeastSquares<D> {
             let leverage = row.dot(&(self.covariance * row));
             math::sqrt(residual.norm_squared() / (1.0 - leverage).max(1e-6))
         };
-        let worst = around
-            .samples
-            .iter()
-            .map(off)
-            .enumerate()
-            .max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        let worst = around.samples.iter().map(off).enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
         (worst.1 > around.off_max).then_some(worst.0)
     }
 }

@@ -20,10 +20,7 @@ impl Vehicle {
     /// Uploads the next set, unless the vehicle has it already.
     pub(crate) fn begin_upload(&mut self, context: &Context, out: &mut Out) {
         let Some(next) = &self.next else { return };
-        let known = self
-            .attempt
-            .as_ref()
-            .is_some_and(|attempt| attempt.parameters == *next);
+        let known = self.attempt.as_ref().is_some_and(|attempt| attempt.parameters == *next);
         if !known {
             let reported = self.telemetry.map(|report| report.set_id).filter(|id| *id != 0);
             let Some(upload) = upload(next, self.set_ids.next(reported)) else {
@@ -32,32 +29,21 @@ impl Vehicle {
                 return self.report(context, Severity::Fault, "parameters-refused", detail, out);
             };
             let parameters = next.clone();
-            self.attempt = Some(Attempt {
-                parameters,
-                upload,
-                maneuver_id: None,
-                battery_v: 0.0,
-            });
+            self.attempt = Some(Attempt { parameters, upload, maneuver_id: None, battery_v: 0.0 });
         }
         if self.vehicle_has_set() {
             return self.begin_start(context, out);
         }
         if let Some(attempt) = &self.attempt {
             out.publish(attempt.upload);
-            self.phase = Phase::Upload {
-                sent_at: context.now,
-                attempts: 1,
-            };
+            self.phase = Phase::Upload { sent_at: context.now, attempts: 1 };
         }
     }
 
     fn vehicle_has_set(&self) -> bool {
-        self.attempt
-            .as_ref()
-            .zip(self.telemetry)
-            .is_some_and(|(attempt, report)| {
-                (report.set_id, report.set_digest) == (attempt.upload.set_id, attempt.upload.digest)
-            })
+        self.attempt.as_ref().zip(self.telemetry).is_some_and(|(attempt, report)| {
+            (report.set_id, report.set_digest) == (attempt.upload.set_id, attempt.upload.digest)
+        })
     }
 
     /// Waits for the vehicle to report the set, then starts the flip.
@@ -78,43 +64,28 @@ impl Vehicle {
         } else if context.now - sent_at < seconds(timing.upload_repeat_s) {
         } else if attempts < timing.upload_attempts_max {
             out.publish(attempt.upload);
-            self.phase = Phase::Upload {
-                sent_at: context.now,
-                attempts: attempts + 1,
-            };
+            self.phase = Phase::Upload { sent_at: context.now, attempts: attempts + 1 };
         } else {
-            let detail = format!(
-                "no echo of set {} after {attempts} uploads",
-                attempt.upload.set_id
-            );
+            let detail = format!("no echo of set {} after {attempts} uploads", attempt.upload.set_id);
             self.report(context, Severity::Fault, "upload-failed", &detail, out);
             self.phase = Phase::Landing { then: Rest::Done };
         }
     }
 
     fn begin_start(&mut self, context: &Context, out: &mut Out) {
-        let reported = self
-            .telemetry
-            .map(|report| report.maneuver_id)
-            .filter(|id| *id != 0);
+        let reported = self.telemetry.map(|report| report.maneuver_id).filter(|id| *id != 0);
         let battery_v = self.rest.volts().unwrap_or_default();
         let Some(attempt) = &mut self.attempt else { return };
         attempt.maneuver_id = Some(self.maneuver_ids.next(reported));
         attempt.battery_v = battery_v;
         let now = context.now;
         self.send_start(context, out);
-        self.phase = Phase::Start {
-            first_at: now,
-            sent_at: now,
-            repeats: true,
-        };
+        self.phase = Phase::Start { first_at: now, sent_at: now, repeats: true };
     }
 
     fn send_start(&self, context: &Context, out: &mut Out) {
-        let Some((attempt, maneuver_id)) = self
-            .attempt
-            .as_ref()
-            .and_then(|a| a.maneuver_id.map(|id| (a, id)))
+        let Some((attempt, maneuver_id)) =
+            self.attempt.as_ref().and_then(|a| a.maneuver_id.map(|id| (a, id)))
         else {
             return;
         };
@@ -145,39 +116,18 @@ impl Vehicle {
             && matches!(context.wanted, Wanted::Fly(_))
             && now - first_at < seconds(timing.start_s_max);
         let void_at = sent_at + seconds(timing.start_validity_s);
-        let planned_s = self
-            .attempt
-            .as_ref()
-            .map_or(0.0, |attempt| attempt.parameters.duration_s);
+        let planned_s = self.attempt.as_ref().map_or(0.0, |attempt| attempt.parameters.duration_s);
         if repeats && now - sent_at >= seconds(timing.start_repeat_s) {
             self.send_start(context, out);
-            self.phase = Phase::Start {
-                first_at,
-                sent_at: now,
-                repeats,
-            };
-        } else if !repeats
-            && self
-                .telemetry
-                .is_some_and(|report| report.received_at > void_at + LINK_TIME)
-        {
+            self.phase = Phase::Start { first_at, sent_at: now, repeats };
+        } else if !repeats && self.telemetry.is_some_and(|report| report.received_at > void_at + LINK_TIME) {
             // Heard since, and not of this maneuver: it was not begun and cannot begin any more.
-            self.report(
-                context,
-                Severity::Warning,
-                "start-unanswered",
-                "the vehicle did not begin",
-                out,
-            );
+            self.report(context, Severity::Warning, "start-unanswered", "the vehicle did not begin", out);
             self.phase = Phase::Approach;
         } else if now > void_at + seconds(planned_s + timing.end_grace_s) {
             self.give_up(context, "no report after the start", out);
         } else {
-            self.phase = Phase::Start {
-                first_at,
-                sent_at,
-                repeats,
-            };
+            self.phase = Phase::Start { first_at, sent_at, repeats };
         }
     }
 
@@ -205,10 +155,7 @@ impl Vehicle {
         let Some((report, attempt)) = self.news().zip(self.attempt.as_ref()) else {
             return self.give_up(context, "the vehicle speaks of another maneuver", out);
         };
-        if matches!(
-            report.maneuver_phase,
-            ManeuverPhase::Completed | ManeuverPhase::Aborted
-        ) {
+        if matches!(report.maneuver_phase, ManeuverPhase::Completed | ManeuverPhase::Aborted) {
             self.phase = Phase::Measure;
             return self.measure(context, out);
         }
@@ -224,13 +171,8 @@ impl Vehicle {
             self.report(context, Severity::Warning, "flip-aborted", breach.text(), out);
         }
         if abort_sent_at.is_none_or(|sent| now - sent >= seconds(tuning.timing.start_repeat_s)) {
-            out.publish(ManeuverAbort {
-                vehicle: self.id,
-                maneuver_id,
-            });
-            self.phase = Phase::Flip {
-                abort_sent_at: Some(now),
-            };
+            out.publish(ManeuverAbort { vehicle: self.id, maneuver_id });
+            self.phase = Phase::Flip { abort_sent_at: Some(now) };
         }
     }
 
@@ -259,10 +201,7 @@ impl Vehicle {
             return self.give_up(context, &format!("reported to have lasted {flown_s:.3} s"), out);
         }
         if report.clock_uncertainty_s > measure.clock_uncertainty_s_max {
-            let detail = format!(
-                "the vehicle's clock is known to {:.3} s only",
-                report.clock_uncertainty_s
-            );
+            let detail = format!("the vehicle's clock is known to {:.3} s only", report.clock_uncertainty_s);
             return self.give_up(context, &detail, out);
         }
         let seen_until = ended_at + seconds(measure.position_window_s);

@@ -75,10 +75,7 @@ impl GateTuning {
     pub(crate) fn unmet(&self, situation: &Situation) -> Unmet {
         let mut bits = self.unmet_by_state(situation);
         let mut require = |bit, holds: bool| bits |= if holds { 0 } else { bit };
-        require(
-            Unmet::BATTERY,
-            situation.rest_v.is_some_and(|volts| volts > situation.flip_v_min),
-        );
+        require(Unmet::BATTERY, situation.rest_v.is_some_and(|volts| volts > situation.flip_v_min));
         require(
             Unmet::TELEMETRY,
             situation.telemetry.is_some_and(|report| {
@@ -98,10 +95,7 @@ impl GateTuning {
         let mut bits = 0;
         let mut require = |bit, holds: bool| bits |= if holds { 0 } else { bit };
         require(Unmet::PLACE, (at - situation.place_m).norm() <= self.place_m_max);
-        require(
-            Unmet::SPEED,
-            state.estimate.velocity_m_s.norm() < self.speed_m_s_max,
-        );
+        require(Unmet::SPEED, state.estimate.velocity_m_s.norm() < self.speed_m_s_max);
         require(
             Unmet::TILT,
             state.estimate.orientation.tilt_rad() < self.tilt_rad_max
@@ -125,9 +119,7 @@ impl GateTuning {
         require(Unmet::HEIGHT, at.z >= self.height_m_min);
         require(
             Unmet::LOSS,
-            situation
-                .height_loss_m
-                .is_some_and(|loss_m| at.z - loss_m >= self.floor_reserve_m_min),
+            situation.height_loss_m.is_some_and(|loss_m| at.z - loss_m >= self.floor_reserve_m_min),
         );
         bits
     }
@@ -145,11 +137,7 @@ fn wall_distance_m(hall: &Hall, at: Vector<World>, heading_rad: f64) -> f64 {
     let along = |position_m: f64, extent_m: f64, slope: f64| {
         // A wall that is passed at a grazing angle is met far away, unless one is already behind it.
         let room_m = 0.5 * extent_m - position_m.abs();
-        if room_m < 0.0 {
-            room_m
-        } else {
-            room_m / slope.abs().max(1e-9)
-        }
+        if room_m < 0.0 { room_m } else { room_m / slope.abs().max(1e-9) }
     };
     along(at.x, hall.width_m, cos).min(along(at.y, hall.depth_m, sin))
 }

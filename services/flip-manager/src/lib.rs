@@ -134,11 +134,7 @@ impl FlipManager {
                 }
             }
             Input::Telemetry(report) => {
-                if let Some(vehicle) = self
-                    .vehicles
-                    .iter_mut()
-                    .find(|vehicle| vehicle.id == report.vehicle)
-                {
+                if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == report.vehicle) {
                     vehicle.hear_telemetry(now, report, &self.tuning);
                 }
             }
@@ -165,9 +161,7 @@ impl FlipManager {
         self.next_tick_at += period * (1 + late.as_nanos() / period.as_nanos());
         let context = Context {
             now,
-            wanted: self
-                .order
-                .wanted(now, Span::from_secs_f64(self.tuning.timing.order_timeout_s)),
+            wanted: self.order.wanted(now, Span::from_secs_f64(self.tuning.timing.order_timeout_s)),
             started_at: self.started_at,
             hall: &self.hall,
             tuning: &self.tuning,
@@ -188,12 +182,10 @@ fn nearest_m(vehicles: &[Vehicle], index: usize, context: &Context) -> f64 {
         return f64::INFINITY;
     };
     let others = vehicles.iter().enumerate().filter(|(other, _)| *other != index);
-    others.fold(f64::INFINITY, |nearest_m, (_, other)| {
-        match other.whereabouts(context.now, context.tuning) {
-            Ok(None) => nearest_m,
-            Ok(Some(position_m)) => nearest_m.min((position_m - own.estimate.position_m).horizontal().norm()),
-            Err(vehicle::Unseen) => 0.0,
-        }
+    others.fold(f64::INFINITY, |nearest_m, (_, other)| match other.whereabouts(context.now, context.tuning) {
+        Ok(None) => nearest_m,
+        Ok(Some(position_m)) => nearest_m.min((position_m - own.estimate.position_m).horizontal().norm()),
+        Err(vehicle::Unseen) => 0.0,
     })
 }
 

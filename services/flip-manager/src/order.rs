@@ -27,10 +27,7 @@ pub(crate) enum Wanted {
 impl StandingOrder {
     /// Takes an order. One given before the standing one is a late copy.
     pub(crate) fn take(&mut self, now: Time, order: ArenaOrder) {
-        if self
-            .heard
-            .is_none_or(|(_, standing)| order.given_at >= standing.given_at)
-        {
+        if self.heard.is_none_or(|(_, standing)| order.given_at >= standing.given_at) {
             self.heard = Some((now, order));
         }
     }
@@ -59,28 +56,10 @@ mod tests {
         let at = |seconds| Time::ZERO + Span::from_secs(seconds);
         let mut standing = StandingOrder::default();
         assert_eq!(standing.wanted(at(100), timeout), Wanted::Unknown);
-        standing.take(
-            at(10),
-            ArenaOrder {
-                kind: OrderKind::Fly,
-                given_at: at(9),
-            },
-        );
+        standing.take(at(10), ArenaOrder { kind: OrderKind::Fly, given_at: at(9) });
         assert_eq!(standing.wanted(at(13), timeout), Wanted::Fly(at(9)));
-        standing.take(
-            at(11),
-            ArenaOrder {
-                kind: OrderKind::Land,
-                given_at: at(11),
-            },
-        );
-        standing.take(
-            at(12),
-            ArenaOrder {
-                kind: OrderKind::Fly,
-                given_at: at(9),
-            },
-        );
+        standing.take(at(11), ArenaOrder { kind: OrderKind::Land, given_at: at(11) });
+        standing.take(at(12), ArenaOrder { kind: OrderKind::Fly, given_at: at(9) });
         assert_eq!(standing.wanted(at(12), timeout), Wanted::Land);
         assert_eq!(standing.wanted(at(15), timeout), Wanted::Lost);
     }

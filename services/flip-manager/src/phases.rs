@@ -112,11 +112,7 @@ impl Vehicle {
             Phase::Idle => self.idle(context, out),
             Phase::Approach | Phase::Gate => self.approach(context, out),
             Phase::Upload { sent_at, attempts } => self.await_echo(context, sent_at, attempts, out),
-            Phase::Start {
-                first_at,
-                sent_at,
-                repeats,
-            } => {
+            Phase::Start { first_at, sent_at, repeats } => {
                 self.await_begin(context, first_at, sent_at, repeats, out);
             }
             Phase::Flip { abort_sent_at } => self.watch(context, abort_sent_at, out),
@@ -152,16 +148,9 @@ impl Vehicle {
             }
             FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped => {
                 let latched = mode != FlightMode::Disarmed;
-                let at_work = !matches!(
-                    self.phase,
-                    Phase::Idle | Phase::Landing { .. } | Phase::Done { .. }
-                );
+                let at_work = !matches!(self.phase, Phase::Idle | Phase::Landing { .. } | Phase::Done { .. });
                 if at_work && (self.has_flown || latched) {
-                    let detail = if latched {
-                        "motors off and latched"
-                    } else {
-                        "motors off"
-                    };
+                    let detail = if latched { "motors off and latched" } else { "motors off" };
                     self.report(context, Severity::Fault, "vehicle-down", detail, out);
                     if matches!(self.phase, Phase::Flip { .. } | Phase::Measure) {
                         self.conclude(context, FlipOutcome::Aborted, FlipError::default(), out);
@@ -181,13 +170,7 @@ impl Vehicle {
         match context.wanted {
             Wanted::Land => return self.phase = Phase::Landing { then: Rest::Idle },
             Wanted::Unknown | Wanted::Lost => {
-                self.report(
-                    context,
-                    Severity::Warning,
-                    "order-missing",
-                    "nobody repeats the order",
-                    out,
-                );
+                self.report(context, Severity::Warning, "order-missing", "nobody repeats the order", out);
                 return self.phase = Phase::Landing { then: Rest::Done };
             }
             Wanted::Fly(_) | Wanted::Hover(_) => {}
@@ -205,18 +188,13 @@ impl Vehicle {
     fn trouble(&self, context: &Context) -> Option<(Severity, &'static str, String)> {
         let timing = &context.tuning.timing;
         let waited_s = age_s(context.now, self.waiting_since);
-        let silent_s = self
-            .telemetry
-            .map_or(waited_s, |report| age_s(context.now, report.received_at));
+        let silent_s = self.telemetry.map_or(waited_s, |report| age_s(context.now, report.received_at));
         if silent_s > timing.silence_s_max {
             let detail = format!("no report for {silent_s:.1} s");
             return Some((Severity::Fault, "telemetry-lost", detail));
         }
         if matches!(context.wanted, Wanted::Fly(_)) && waited_s > timing.patience_s {
-            let detail = format!(
-                "no flip for {waited_s:.0} s; gate conditions unmet: {}",
-                self.unmet.0
-            );
+            let detail = format!("no flip for {waited_s:.0} s; gate conditions unmet: {}", self.unmet.0);
             return Some((Severity::Fault, "gate-unmet", detail));
         }
         None
@@ -240,11 +218,7 @@ impl Vehicle {
                 }
             }
         }
-        let limit_v = if flies {
-            self.battery.flip_v_min
-        } else {
-            self.battery.land_v_min
-        };
+        let limit_v = if flies { self.battery.flip_v_min } else { self.battery.land_v_min };
         let volts = self.rest.volts().filter(|volts| *volts < limit_v)?;
         let detail = format!("{volts:.2} V at rest, at least {limit_v:.2} V are needed");
         Some((Severity::Warning, "battery-low", detail))
@@ -315,10 +289,7 @@ impl Vehicle {
 
     fn recover(&mut self, context: &Context) {
         let place_m = self.goals.place_m;
-        if self
-            .state
-            .is_some_and(|state| context.tuning.watch.is_recovered(&state, place_m))
-        {
+        if self.state.is_some_and(|state| context.tuning.watch.is_recovered(&state, place_m)) {
             self.begin_approach(context.now);
         }
     }

@@ -27,10 +27,7 @@ pub(crate) struct Poses {
 
 impl Poses {
     pub(crate) fn new(history_s: f64) -> Self {
-        Self {
-            history: Span::from_secs_f64(history_s),
-            poses: VecDeque::new(),
-        }
+        Self { history: Span::from_secs_f64(history_s), poses: VecDeque::new() }
     }
 
     /// Takes a pose. One that is no later than the newest is not taken; where the stamps have fallen by more
@@ -78,10 +75,7 @@ mod tests {
     }
 
     fn stamps(poses: &Poses, from: i64, until: i64) -> Vec<i64> {
-        poses
-            .between(pose(from).at, pose(until).at)
-            .map(|pose| pose.at.as_nanos() / 1_000_000)
-            .collect()
+        poses.between(pose(from).at, pose(until).at).map(|pose| pose.at.as_nanos() / 1_000_000).collect()
     }
 
     #[test]
@@ -95,21 +89,14 @@ mod tests {
         poses.push(pose(1108));
         assert_eq!(stamps(&poses, 0, 5000), [1010, 1015, 1108]);
         poses.push(pose(300));
-        assert_eq!(
-            stamps(&poses, 0, 5000),
-            [300],
-            "the cameras' clock has started anew"
-        );
+        assert_eq!(stamps(&poses, 0, 5000), [300], "the cameras' clock has started anew");
     }
 
     #[test]
     fn memory_is_bounded() {
         let mut poses = Poses::new(60.0);
         for micros in 0..10_000 {
-            poses.push(Pose {
-                at: Time::ZERO + Span::from_micros(micros),
-                ..pose(0)
-            });
+            poses.push(Pose { at: Time::ZERO + Span::from_micros(micros), ..pose(0) });
         }
         assert_eq!(poses.poses.len(), POSES_MAX);
     }

@@ -201,9 +201,7 @@ pub struct BatteryTuning {
 
 impl Default for BatteryTuning {
     fn default() -> Self {
-        Self {
-            smoothing_s: 1.0,
-        }
+        Self { smoothing_s: 1.0 }
     }
 }
 
@@ -254,12 +252,7 @@ impl TimingTuning {
                 ("result_repeat_s", self.result_repeat_s, 0.05, 60.0),
                 ("order_timeout_s", self.order_timeout_s, 0.5, 60.0),
                 ("upload_repeat_s", self.upload_repeat_s, 0.05, 60.0),
-                (
-                    "upload_attempts_max",
-                    f64::from(self.upload_attempts_max),
-                    1.0,
-                    1000.0,
-                ),
+                ("upload_attempts_max", f64::from(self.upload_attempts_max), 1.0, 1000.0),
                 ("start_repeat_s", self.start_repeat_s, 0.01, 1.0),
                 ("start_validity_s", self.start_validity_s, 0.02, 1.0),
                 ("start_s_max", self.start_s_max, 0.02, 5.0),
@@ -279,24 +272,9 @@ impl WatchTuning {
                 ("height_m_min", self.height_m_min, 0.2, 100.0),
                 ("wall_m_min", self.wall_m_min, 0.0, 50.0),
                 ("blind_s_max", self.blind_s_max, 0.02, 5.0),
-                (
-                    "recovered_place_m_max",
-                    self.recovered_place_m_max,
-                    gate.place_m_max,
-                    10.0,
-                ),
-                (
-                    "recovered_speed_m_s_max",
-                    self.recovered_speed_m_s_max,
-                    gate.speed_m_s_max,
-                    5.0,
-                ),
-                (
-                    "recovered_tilt_rad_max",
-                    self.recovered_tilt_rad_max,
-                    gate.tilt_rad_max,
-                    1.5,
-                ),
+                ("recovered_place_m_max", self.recovered_place_m_max, gate.place_m_max, 10.0),
+                ("recovered_speed_m_s_max", self.recovered_speed_m_s_max, gate.speed_m_s_max, 5.0),
+                ("recovered_tilt_rad_max", self.recovered_tilt_rad_max, gate.tilt_rad_max, 1.5),
             ],
         )
     }
@@ -315,12 +293,7 @@ impl MeasureTuning {
                 ("history_s", self.history_s, 3.0, 60.0),
                 ("wait_s_max", self.wait_s_max, self.position_window_s, 5.0),
                 ("duration_error_s_max", self.duration_error_s_max, 0.001, 1.0),
-                (
-                    "clock_uncertainty_s_max",
-                    self.clock_uncertainty_s_max,
-                    0.001,
-                    1.0,
-                ),
+                ("clock_uncertainty_s_max", self.clock_uncertainty_s_max, 0.001, 1.0),
             ],
         )
     }
@@ -328,21 +301,13 @@ impl MeasureTuning {
 
 impl BatteryTuning {
     fn check(&self) -> Result<(), ConfigError> {
-        in_ranges(
-            "battery",
-            &[
-                ("smoothing_s", self.smoothing_s, 0.01, 100.0),
-            ],
-        )
+        in_ranges("battery", &[("smoothing_s", self.smoothing_s, 0.01, 100.0)])
     }
 }
 
 /// Refuses the first number outside its range; one that is not a number is outside every range.
 fn in_ranges(section: &str, rows: &[(&str, f64, f64, f64)]) -> Result<(), ConfigError> {
-    match rows
-        .iter()
-        .find(|(_, value, min, max)| !(*min..=*max).contains(value))
-    {
+    match rows.iter().find(|(_, value, min, max)| !(*min..=*max).contains(value)) {
         None => Ok(()),
         Some(&(key, value, min, max)) => Err(ConfigError::OutOfRange {
             file: "services.toml".to_owned(),

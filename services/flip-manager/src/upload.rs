@@ -58,12 +58,9 @@ pub(crate) fn upload(parameters: &ManeuverParameters, set_id: u16) -> Option<Man
 
 /// FNV-1a-64 over the items' little-endian bytes, as `device::vehicle_link` defines a set's digest.
 fn digest(items: &[f32]) -> u64 {
-    items
-        .iter()
-        .flat_map(|item| item.to_le_bytes())
-        .fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
-        })
+    items.iter().flat_map(|item| item.to_le_bytes()).fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
+    })
 }
 
 /// Identities that rise, pass over zero, and stay ahead of what the vehicle reports from before a restart.
@@ -75,9 +72,7 @@ pub(crate) struct Identities {
 impl Identities {
     /// Each start of this service gets a range of its own.
     pub(crate) fn new(incarnation: u32) -> Self {
-        Self {
-            last: (incarnation as u16).wrapping_mul(1024),
-        }
+        Self { last: (incarnation as u16).wrapping_mul(1024) }
     }
 
     /// A new identity, later than every one given before and than the one reported.
@@ -137,16 +132,7 @@ mod tests {
         assert_eq!(upload(&wrong, 1), None, "finite here, infinite on the link");
         wrong.parameters.t3_s = -0.1;
         assert_eq!(upload(&wrong, 1), None);
-        assert_eq!(
-            upload(
-                &ManeuverParameters {
-                    flips: 0,
-                    ..parameters()
-                },
-                1
-            ),
-            None
-        );
+        assert_eq!(upload(&ManeuverParameters { flips: 0, ..parameters() }, 1), None);
     }
 
     #[test]
@@ -156,11 +142,7 @@ mod tests {
         assert_eq!(ids.next(Some(1000)), 1026);
         assert_eq!(ids.next(Some(2000)), 2001);
         let mut opposite = Identities { last: 0x1000 };
-        assert_eq!(
-            opposite.next(Some(0x9000)),
-            0x9001,
-            "the vehicle must see it as ahead"
-        );
+        assert_eq!(opposite.next(Some(0x9000)), 0x9001, "the vehicle must see it as ahead");
         let mut wrapping = Identities { last: 0xFFFF };
         assert_eq!(wrapping.next(None), 1);
         let mut near_the_end = Identities { last: 0xFFF0 };

@@ -104,11 +104,7 @@ impl Vehicle {
 
     pub(crate) fn hear_pose(&mut self, at: Time, body: &MocapBody) {
         if body.position_m.is_finite() && body.orientation.is_finite() {
-            self.poses.push(Pose {
-                at,
-                position_m: body.position_m,
-                orientation: body.orientation,
-            });
+            self.poses.push(Pose { at, position_m: body.position_m, orientation: body.orientation });
         }
     }
 
@@ -124,15 +120,11 @@ impl Vehicle {
     /// Takes a report; one older than the newest is not taken.
     pub(crate) fn hear_telemetry(&mut self, now: Time, mut report: VehicleTelemetry, tuning: &Tuning) {
         report.received_at = report.received_at.min(now);
-        if self
-            .telemetry
-            .is_some_and(|newest| newest.received_at > report.received_at)
-        {
+        if self.telemetry.is_some_and(|newest| newest.received_at > report.received_at) {
             return;
         }
         let load = Load::of(report.mode, self.hovers());
-        self.rest
-            .take(report.received_at, report.battery_v, load, &self.battery, &tuning.battery);
+        self.rest.take(report.received_at, report.battery_v, load, &self.battery, &tuning.battery);
         self.telemetry = Some(report);
     }
 
@@ -164,33 +156,23 @@ impl Vehicle {
     /// Motors off, by the vehicle's own fresh word.
     pub(crate) fn is_down(&self, now: Time, tuning: &Tuning) -> bool {
         self.fresh_telemetry(now, tuning).is_some_and(|report| {
-            matches!(
-                report.mode,
-                FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped
-            )
+            matches!(report.mode, FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped)
         })
     }
 
     /// Off the floor, as far as anyone saw.
     pub(crate) fn is_high(&self) -> bool {
-        self.last_valid
-            .is_some_and(|state| state.estimate.position_m.z > AIRBORNE_M)
+        self.last_valid.is_some_and(|state| state.estimate.position_m.z > AIRBORNE_M)
     }
 
     /// Where it was last seen; `None` for a vehicle that was never seen and is not known to fly.
     ///
     /// One that flies unseen is reported as an error: it may be anywhere.
     pub(crate) fn whereabouts(&self, now: Time, tuning: &Tuning) -> Result<Option<Vector<World>>, Unseen> {
-        let seen = self
-            .last_valid
-            .map(|state| (state.estimated_for, state.estimate.position_m));
+        let seen = self.last_valid.map(|state| (state.estimated_for, state.estimate.position_m));
         let recently = seen.is_some_and(|(at, _)| age_s(now, at) < tuning.gate.telemetry_age_s_max);
         let flies = self.telemetry.is_some() && self.has_flown && !self.is_down(now, tuning);
-        if flies && !recently {
-            Err(Unseen)
-        } else {
-            Ok(seen.map(|(_, position_m)| position_m))
-        }
+        if flies && !recently { Err(Unseen) } else { Ok(seen.map(|(_, position_m)| position_m)) }
     }
 
     /// The last report that speaks of the flip being attempted.
@@ -216,17 +198,13 @@ impl Vehicle {
             height_loss_m: self.next.as_ref().map(|parameters| parameters.height_loss_m),
         };
         self.unmet = tuning.gate.unmet(&situation);
-        self.steady_since = if self.unmet.is_steady() {
-            Some(self.steady_since.unwrap_or(now))
-        } else {
-            None
-        };
+        self.steady_since =
+            if self.unmet.is_steady() { Some(self.steady_since.unwrap_or(now)) } else { None };
     }
 
     /// Steady for as long as the gate asks.
     pub(crate) fn is_settled(&self, now: Time, tuning: &Tuning) -> bool {
-        self.steady_since
-            .is_some_and(|since| now - since >= Span::from_secs_f64(tuning.gate.steady_s))
+        self.steady_since.is_some_and(|since| now - since >= Span::from_secs_f64(tuning.gate.steady_s))
     }
 }
 

@@ -64,12 +64,7 @@ mod tests {
     use quantity::Span;
     use schemas::Kinematics;
 
-    const HALL: Hall = Hall {
-        width_m: 10.0,
-        depth_m: 8.0,
-        height_m: 9.0,
-        margin_m: 0.5,
-    };
+    const HALL: Hall = Hall { width_m: 10.0, depth_m: 8.0, height_m: 9.0, margin_m: 0.5 };
 
     fn state(position_m: [f64; 3], velocity_m_s: [f64; 3]) -> VehicleState {
         let vector = |[x, y, z]: [f64; 3]| Vector::new(x, y, z);

@@ -1,14 +1,14 @@
 //! From where the thrust shall point, and the heading, to body rates.
 //!
-//! The thrust axis goes first, by the shortest way; heading is a matter of leisure. So a vehicle that comes out of a
-//! flip upside down, or with a rate still in it, first gets its thrust to where it is of use.
+//! The thrust axis goes first, by the shortest way; heading is a matter of leisure. So a vehicle that comes
+//! out of a flip upside down, or with a rate still in it, first gets its thrust to where it is of use.
 
 use quantity::{Body, Rotation, Vector, World, math};
 
 use crate::tuning::AttitudeTuning;
 
-/// Body rates that turn the thrust axis to `thrust_axis` (a unit vector) and the heading to `heading_rad`, for a
-/// vehicle that has `orientation` and `rate_rad_s` when the command takes effect.
+/// Body rates that turn the thrust axis to `thrust_axis` (a unit vector) and the heading to `heading_rad`,
+/// for a vehicle that has `orientation` and `rate_rad_s` when the command takes effect.
 pub(crate) fn rates(
     tuning: &AttitudeTuning,
     orientation: Rotation<Body, World>,
@@ -39,24 +39,15 @@ fn tilt_rates(tuning: &AttitudeTuning, wanted: Vector<Body>, rate_rad_s: Vector<
         axis * (1.0 / sin)
     } else if wanted.z < 0.0 {
         // Exactly opposite: on the way it already turns, else by pitching.
-        rate_rad_s
-            .horizontal()
-            .direction()
-            .unwrap_or(Vector::new(0.0, 1.0, 0.0))
+        rate_rad_s.horizontal().direction().unwrap_or(Vector::new(0.0, 1.0, 0.0))
     } else {
         axis
     };
     // Never faster than it can still be stopped.
     let stoppable = math::sqrt(2.0 * tuning.stopping_rad_s2 * angle);
-    let speed = (tuning.tilt_gain_1_s * angle)
-        .min(stoppable)
-        .min(tuning.rate_rad_s_max);
+    let speed = (tuning.tilt_gain_1_s * angle).min(stoppable).min(tuning.rate_rad_s_max);
     // For angles too small to have a direction the axis itself is the angle.
-    if sin > 1e-3 || wanted.z < 0.0 {
-        direction * speed
-    } else {
-        axis * tuning.tilt_gain_1_s
-    }
+    if sin > 1e-3 || wanted.z < 0.0 { direction * speed } else { axis * tuning.tilt_gain_1_s }
 }
 
 #[cfg(test)]
@@ -81,10 +72,7 @@ mod tests {
     #[test]
     fn upside_down_turns_the_way_it_already_turns() {
         let over = Rotation::from_yaw_pitch_roll(0.0, 0.0, PI);
-        let tuning = AttitudeTuning {
-            lead_s: 0.0,
-            ..AttitudeTuning::default()
-        };
+        let tuning = AttitudeTuning { lead_s: 0.0, ..AttitudeTuning::default() };
         for spin in [Vector::new(3.0, 0.0, 0.0), Vector::new(0.0, -2.0, 0.0)] {
             let rate = rates(&tuning, over, spin, Vector::Z, 0.0);
             assert!(rate.dot(spin) > 9.0 * spin.norm(), "{rate:?}");
@@ -96,13 +84,7 @@ mod tests {
     #[test]
     fn heading_takes_the_shorter_way() {
         let orientation = Rotation::from_yaw_pitch_roll(3.0, 0.0, 0.0);
-        let rate = rates(
-            &AttitudeTuning::default(),
-            orientation,
-            Vector::ZERO,
-            Vector::Z,
-            -3.0,
-        );
+        let rate = rates(&AttitudeTuning::default(), orientation, Vector::ZERO, Vector::Z, -3.0);
         assert!(rate.z > 0.0 && rate.z < 1.0);
     }
 

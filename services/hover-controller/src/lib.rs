@@ -1,13 +1,13 @@
 //! Take-off, hover, recovery and landing.
 //!
-//! Each state is answered at once with a command, computed for the state *predicted* for its execution. The position
-//! loop ([`position`]) asks for an acceleration, that becomes a thrust and where it shall point, and the attitude
-//! loop ([`attitude`]) turns the vehicle there by body rates; the vehicle's own rate loops do the rest. The same
-//! loops catch a vehicle that comes out of a flip in any attitude.
+//! Each state is answered at once with a command, computed for the state *predicted* for its execution. The
+//! position loop (`position`) asks for an acceleration, that becomes a thrust and where it shall point, and
+//! the attitude loop (`attitude`) turns the vehicle there by body rates; the vehicle's own rate loops do the
+//! rest. The same loops catch a vehicle that comes out of a flip in any attitude.
 //!
-//! [`phases`] knows whether the vehicle stands, takes off, flies or lands; [`safety`] knows how old a state may be,
-//! and what is commanded when it is older. A controller that starts anew holds a new lease, says nothing to a vehicle
-//! it has not seen, holds one that it finds in the air, and lands it if nobody names a goal.
+//! `phases` knows whether the vehicle stands, takes off, flies or lands; `safety` knows how old a state may
+//! be, and what is commanded when it is older. A controller that starts anew holds a new lease, says nothing
+//! to a vehicle it has not seen, holds one that it finds in the air, and lands it if nobody names a goal.
 
 mod attitude;
 mod phases;
@@ -76,10 +76,7 @@ impl Core for HoverController {
     }
 
     fn deadline(&self) -> Option<Time> {
-        self.vehicles
-            .iter()
-            .filter_map(|(_, vehicle)| vehicle.blind_at())
-            .min()
+        self.vehicles.iter().filter_map(|(_, vehicle)| vehicle.blind_at()).min()
     }
 
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
@@ -111,9 +108,6 @@ impl Core for HoverController {
 
 impl HoverController {
     fn vehicle(&mut self, id: u8) -> Option<&mut VehicleController> {
-        self.vehicles
-            .iter_mut()
-            .find(|(known, _)| *known == id)
-            .map(|(_, vehicle)| vehicle)
+        self.vehicles.iter_mut().find(|(known, _)| *known == id).map(|(_, vehicle)| vehicle)
     }
 }

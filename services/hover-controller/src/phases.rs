@@ -118,10 +118,7 @@ impl Phase {
     fn next(self, tuning: &PhaseTuning, situation: &Situation<'_>) -> (Self, Option<Turn>) {
         let Situation { now, state, wish, .. } = *situation;
         let position = state.position_m;
-        let flying = Self::Fly {
-            hold: position,
-            heading_rad: state.orientation.yaw_rad(),
-        };
+        let flying = Self::Fly { hold: position, heading_rad: state.orientation.yaw_rad() };
         match self {
             Self::Unknown if position.z > tuning.airborne_height_m => (flying, None),
             Self::Unknown => (Self::ground(now, now), None),
@@ -134,15 +131,10 @@ impl Phase {
                     && still
                     && now >= ready_at
                 {
-                    (
-                        Self::SpinUp {
-                            since: now,
-                            from: position,
-                        },
-                        Some(Turn::TookOff),
-                    )
+                    (Self::SpinUp { since: now, from: position }, Some(Turn::TookOff))
                 } else if position.z > tuning.airborne_height_m && situation.motors_on == Some(true) {
-                    // Not on the ground after all. Without the vehicle's word for it, somebody is carrying it.
+                    // Not on the ground after all. Without the vehicle's word for it, somebody is carrying
+                    // it.
                     (flying, None)
                 } else {
                     (self, None)
@@ -154,10 +146,7 @@ impl Phase {
                 } else if !matches!(wish, Wish::Hover(_)) {
                     (Self::ground(now, now), Some(Turn::Landed))
                 } else if now - since > Span::from_secs_f64(tuning.spin_up_s_max) {
-                    (
-                        Self::ground(now, now + Span::from_secs_f64(tuning.retry_s)),
-                        Some(Turn::TakeOffFailed),
-                    )
+                    (Self::ground(now, now + Span::from_secs_f64(tuning.retry_s)), Some(Turn::TakeOffFailed))
                 } else {
                     (self, None)
                 }
@@ -185,14 +174,8 @@ impl Phase {
     fn landing(wish: &Wish, position: Vector<World>) -> Option<Self> {
         match wish {
             Wish::Hold | Wish::Hover(_) => None,
-            Wish::Ground | Wish::Land(None) => Some(Self::Land {
-                spot: position,
-                standing_since: None,
-            }),
-            Wish::Land(Some(spot)) => Some(Self::Land {
-                spot: *spot,
-                standing_since: None,
-            }),
+            Wish::Ground | Wish::Land(None) => Some(Self::Land { spot: position, standing_since: None }),
+            Wish::Land(Some(spot)) => Some(Self::Land { spot: *spot, standing_since: None }),
         }
     }
 
@@ -208,11 +191,7 @@ impl Phase {
         if matches!(wish, Wish::Hover(_)) && height > tuning.airborne_height_m {
             return (flying, None);
         }
-        let spot = if let Wish::Land(Some(spot)) = wish {
-            *spot
-        } else {
-            spot
-        };
+        let spot = if let Wish::Land(Some(spot)) = wish { *spot } else { spot };
         let standing = height < tuning.standing_height_m && state.velocity_m_s.norm() < STANDING_SPEED_M_S;
         let standing_since = standing.then(|| standing_since.unwrap_or(now));
         if standing_since.is_some_and(|since| now - since >= Span::from_secs_f64(tuning.touchdown_s)) {
@@ -239,10 +218,7 @@ mod tests {
     use super::*;
 
     fn at(height_m: f64) -> Kinematics {
-        Kinematics {
-            position_m: Vector::new(1.0, 0.0, height_m),
-            ..Kinematics::default()
-        }
+        Kinematics { position_m: Vector::new(1.0, 0.0, height_m), ..Kinematics::default() }
     }
 
     fn ms(ms: i64) -> Time {
@@ -251,13 +227,8 @@ mod tests {
 
     fn step(phase: &mut Phase, now_ms: i64, height_m: f64, wish: Wish) -> Option<Turn> {
         let state = at(height_m);
-        let situation = Situation {
-            now: ms(now_ms),
-            state: &state,
-            wish: &wish,
-            may_take_off: true,
-            motors_on: None,
-        };
+        let situation =
+            Situation { now: ms(now_ms), state: &state, wish: &wish, may_take_off: true, motors_on: None };
         phase.advance(&PhaseTuning::default(), &situation)
     }
 
@@ -275,11 +246,7 @@ mod tests {
         let mut phase = Phase::Unknown;
         assert_eq!(step(&mut phase, 0, 0.04, Wish::Hold), None);
         assert!(phase.is_on_ground());
-        assert_eq!(
-            step(&mut phase, 200, 0.04, HOVER),
-            None,
-            "commands to stay off come first"
-        );
+        assert_eq!(step(&mut phase, 200, 0.04, HOVER), None, "commands to stay off come first");
         assert_eq!(step(&mut phase, 300, 0.04, HOVER), Some(Turn::TookOff));
         assert_eq!(step(&mut phase, 800, 0.04, HOVER), None);
         step(&mut phase, 900, 0.09, HOVER);
@@ -294,10 +261,7 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_stays_down_is_left_alone_for_a_while() {
-        let mut phase = Phase::Ground {
-            since: ms(0),
-            ready_at: ms(0),
-        };
+        let mut phase = Phase::Ground { since: ms(0), ready_at: ms(0) };
         step(&mut phase, 300, 0.04, HOVER);
         assert_eq!(step(&mut phase, 1501, 0.04, HOVER), Some(Turn::TakeOffFailed));
         assert_eq!(step(&mut phase, 4500, 0.04, HOVER), None);
@@ -313,10 +277,7 @@ mod tests {
 
     #[test]
     fn a_carried_vehicle_stays_off() {
-        let mut phase = Phase::Ground {
-            since: ms(0),
-            ready_at: ms(9000),
-        };
+        let mut phase = Phase::Ground { since: ms(0), ready_at: ms(9000) };
         step(&mut phase, 1000, 1.2, HOVER);
         assert!(phase.is_on_ground());
         let state = at(1.2);
@@ -333,10 +294,7 @@ mod tests {
 
     #[test]
     fn a_new_goal_ends_a_landing_only_in_the_air() {
-        let landing = Phase::Land {
-            spot: Vector::ZERO,
-            standing_since: None,
-        };
+        let landing = Phase::Land { spot: Vector::ZERO, standing_since: None };
         let mut phase = landing;
         step(&mut phase, 0, 2.0, HOVER);
         assert!(matches!(phase, Phase::Fly { .. }));

@@ -98,18 +98,14 @@ impl PositionLoop {
         if error.norm() > tuning.integral_reach_m || tuning.integral_gain_1_s3 <= 0.0 {
             return;
         }
-        let error = if manner.vertical_m_s.is_some() {
-            error.horizontal()
-        } else {
-            error
-        };
+        let error = if manner.vertical_m_s.is_some() { error.horizontal() } else { error };
         let max = tuning.integral_m_s2_max / tuning.integral_gain_1_s3;
         self.integral_m_s = (self.integral_m_s + error * span_s).limited(max);
     }
 }
 
-/// The thrust that gives this acceleration, as far as the rotors and `tilt_rad_max` go: attitude first, then the
-/// vertical, then the horizontal.
+/// The thrust that gives this acceleration, as far as the rotors and `tilt_rad_max` go: attitude first, then
+/// the vertical, then the horizontal.
 pub(crate) fn thrust(
     tuning: &PositionTuning,
     acceleration_m_s2: Vector<World>,
@@ -120,19 +116,12 @@ pub(crate) fn thrust(
     let lift = (acceleration_m_s2.z + GRAVITY_M_S2).clamp(LIFT_M_S2_MIN, most);
     let (sin, cos) = math::sin_cos(tilt_rad_max);
     let spare = math::sqrt((most * most - lift * lift).max(0.0));
-    let sideways = acceleration_m_s2
-        .horizontal()
-        .limited(spare.min(lift * sin / cos));
+    let sideways = acceleration_m_s2.horizontal().limited(spare.min(lift * sin / cos));
     let wanted = sideways + Vector::Z * lift;
     let axis = wanted.direction().unwrap_or(Vector::Z);
     // Thrust in a direction nobody wants helps nobody: as much as the present axis has of the wanted one.
-    let collective_m_s2 = wanted
-        .dot(orientation.z_axis())
-        .clamp(tuning.collective_m_s2_min, most);
-    Thrust {
-        axis,
-        collective_m_s2,
-    }
+    let collective_m_s2 = wanted.dot(orientation.z_axis()).clamp(tuning.collective_m_s2_min, most);
+    Thrust { axis, collective_m_s2 }
 }
 
 #[cfg(test)]
@@ -145,26 +134,14 @@ mod tests {
         PositionTuning::default()
     }
 
-    const CALM: Manner = Manner {
-        tilt_rad_max: 0.5,
-        vertical_m_s: None,
-        learning: true,
-    };
+    const CALM: Manner = Manner { tilt_rad_max: 0.5, vertical_m_s: None, learning: true };
 
     fn at(position_m: Vector<World>) -> Kinematics {
-        Kinematics {
-            position_m,
-            ..Kinematics::default()
-        }
+        Kinematics { position_m, ..Kinematics::default() }
     }
 
     fn target(position_m: Vector<World>) -> Target {
-        Target {
-            position_m,
-            velocity_m_s: Vector::ZERO,
-            acceleration_m_s2: Vector::ZERO,
-            heading_rad: 0.0,
-        }
+        Target { position_m, velocity_m_s: Vector::ZERO, acceleration_m_s2: Vector::ZERO, heading_rad: 0.0 }
     }
 
     #[test]
@@ -187,11 +164,7 @@ mod tests {
         let far = target(Vector::new(4.0, 0.0, 4.0));
         let acceleration = position.acceleration_m_s2(&tuning(), &state, &far, &CALM, 0.005);
         assert!(acceleration.norm() < 1e-9, "{acceleration:?}");
-        assert_eq!(
-            position.integral_m_s,
-            Vector::ZERO,
-            "the integral waits until it is near"
-        );
+        assert_eq!(position.integral_m_s, Vector::ZERO, "the integral waits until it is near");
     }
 
     #[test]

@@ -19,8 +19,8 @@ pub(crate) struct Reports {
 }
 
 impl Reports {
-    /// No report yet. A report of the mode counts for `fresh`, a maneuver lasts at most `maneuver_max`; the battery
-    /// is low when its average voltage plus `sag_v` falls below `land_v_min`.
+    /// No report yet. A report of the mode counts for `fresh`, a maneuver lasts at most `maneuver_max`; the
+    /// battery is low when its average voltage plus `sag_v` falls below `land_v_min`.
     pub fn new(fresh: Span, maneuver_max: Span, voltage_time_s: f64, sag_v: f64, land_v_min: f64) -> Self {
         Self {
             fresh,
@@ -40,10 +40,10 @@ impl Reports {
     pub fn take(&mut self, now: Time, telemetry: &VehicleTelemetry) {
         let id = telemetry.maneuver_id;
         match telemetry.maneuver_phase {
-            ManeuverPhase::Running if self.ended != Some(id) => {
-                if self.running.is_none_or(|(running, _)| running != id) {
-                    self.running = Some((id, telemetry.began_at.min(now)));
-                }
+            ManeuverPhase::Running
+                if self.ended != Some(id) && self.running.is_none_or(|(running, _)| running != id) =>
+            {
+                self.running = Some((id, telemetry.began_at.min(now)));
             }
             ManeuverPhase::Completed | ManeuverPhase::Aborted => {
                 self.ended = Some(id);
@@ -71,25 +71,19 @@ impl Reports {
 
     /// Whether a maneuver runs.
     pub fn in_maneuver(&self, now: Time) -> bool {
-        self.running
-            .is_some_and(|(_, began_at)| now < began_at.saturating_add(self.maneuver_max))
+        self.running.is_some_and(|(_, began_at)| now < began_at.saturating_add(self.maneuver_max))
     }
 
     /// What the firmware does, if it said so lately.
     pub fn mode(&self, now: Time) -> Option<FlightMode> {
-        self.newest
-            .filter(|(at, _)| now - *at <= self.fresh)
-            .map(|(_, mode)| mode)
+        self.newest.filter(|(at, _)| now - *at <= self.fresh).map(|(_, mode)| mode)
     }
 
     /// Whether the motors turn, by a report that came after `since`.
     pub fn motors_on(&self, now: Time, since: Time) -> Option<bool> {
         let (at, _) = self.newest?;
         let mode = self.mode(now).filter(|_| at > since)?;
-        Some(!matches!(
-            mode,
-            FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped
-        ))
+        Some(!matches!(mode, FlightMode::Disarmed | FlightMode::Landed | FlightMode::Stopped))
     }
 
     /// Whether the motors are off until a person releases them.
@@ -158,13 +152,7 @@ mod tests {
     #[test]
     fn modes_age() {
         let mut reports = reports();
-        reports.take(
-            ms(100),
-            &VehicleTelemetry {
-                mode: FlightMode::Landed,
-                ..VehicleTelemetry::default()
-            },
-        );
+        reports.take(ms(100), &VehicleTelemetry { mode: FlightMode::Landed, ..VehicleTelemetry::default() });
         assert!(reports.latched(ms(600)) && !reports.latched(ms(601)));
     }
 }

@@ -6,6 +6,7 @@
 //! | then | level, thrust held |
 //! | 300 ms, or 200 ms after it ceased to be valid | descend, on the vehicle's own sensors |
 //!
+//! In and right after a maneuver the descent comes at once: nobody on the ground knows the attitude then.
 //! Once lost, a state is trusted again only when it rests on ten consecutive frames.
 
 use quantity::{Body, Frame, Rotation, Span, Time, Vector, World};
@@ -31,6 +32,8 @@ pub(crate) struct Watch {
     descend_after: Span,
     descend_after_invalid: Span,
     resume_frames: u16,
+    settle: Span,
+    maneuver_at: Option<Time>,
     /// Nothing before the first valid state.
     level_at: Option<Time>,
     descend_at: Time,
@@ -46,6 +49,8 @@ impl Watch {
             descend_after: Span::from_secs_f64(tuning.descend_after_s),
             descend_after_invalid: Span::from_secs_f64(tuning.descend_after_invalid_s),
             resume_frames: tuning.resume_frames,
+            settle: Span::from_secs_f64(tuning.settle_s),
+            maneuver_at: None,
             level_at: None,
             descend_at: Time::ZERO,
             resuming: true,
@@ -54,7 +59,11 @@ impl Watch {
 
     /// Takes a state; whether it may be flown now.
     pub fn take(&mut self, now: Time, state: &VehicleState) -> bool {
-        if state.tracking == Tracking::Invalid || state.valid_until < now || !is_usable(state) {
+        if state.tracking == Tracking::Ballistic {
+            self.maneuver_at = Some(now);
+        }
+        let after_maneuver = self.maneuver_at.is_some_and(|at| now - at <= self.settle);
+        if state.valid_until < now || !self.rests_on_frames(state, after_maneuver) || !is_usable(state) {
             self.level_at = self.level_at.map(|at| at.min(now - Span::from_nanos(1)));
             return false;
         }
@@ -66,9 +75,23 @@ impl Watch {
         if !self.resuming {
             self.level_at = Some(state.valid_until.min(now + self.state_max));
             let after_invalid = state.valid_until.saturating_add(self.descend_after_invalid);
-            self.descend_at = after_invalid.min(now + self.descend_after);
+            // Lost in or right after a maneuver, the attitude is anybody's guess: the vehicle's own gyros
+            // know it better, and hints of ours would spoil what they know.
+            self.descend_at =
+                if after_maneuver { Time::ZERO } else { after_invalid.min(now + self.descend_after) };
         }
         !self.resuming
+    }
+
+    /// Whether the cameras stand behind the state: in and right after a maneuver, where the model is least
+    /// sure, a state may be called valid that rests on no recent frame.
+    fn rests_on_frames(&self, state: &VehicleState, after_maneuver: bool) -> bool {
+        match state.tracking {
+            Tracking::Invalid => false,
+            Tracking::Ballistic => state.accepted_frames >= self.resume_frames,
+            Tracking::Coasting => !after_maneuver,
+            Tracking::Tracking => true,
+        }
     }
 
     /// What may be flown now.
@@ -86,7 +109,8 @@ impl Watch {
     }
 }
 
-/// Finite, and such as a vehicle in a hall can have: arithmetic on anything else ends in numbers that are none.
+/// Finite, and such as a vehicle in a hall can have: arithmetic on anything else ends in numbers that are
+/// none.
 fn is_usable(state: &VehicleState) -> bool {
     let k = &state.prediction;
     is_within(k.position_m, POSITION_M_MAX)
@@ -103,9 +127,7 @@ const DISTURBANCE_M_S2_MAX: f64 = 1e3;
 
 /// Whether every component is a number of at most this magnitude.
 pub(crate) fn is_within<F: Frame>(vector: Vector<F>, magnitude_max: f64) -> bool {
-    [vector.x, vector.y, vector.z]
-        .iter()
-        .all(|component| component.abs() <= magnitude_max)
+    [vector.x, vector.y, vector.z].iter().all(|component| component.abs() <= magnitude_max)
 }
 
 /// The vehicle carried on without states, as if it did what it was told.
@@ -201,16 +223,28 @@ mod tests {
         for at in (1005..=1100).step_by(5) {
             assert!(watch.take(ms(at), &state(1100, 10)));
         }
-        assert!(!watch.take(
-            ms(1101),
-            &VehicleState {
-                tracking: Tracking::Invalid,
-                ..state(1100, 0)
-            }
-        ));
+        assert!(!watch.take(ms(1101), &VehicleState { tracking: Tracking::Invalid, ..state(1100, 0) }));
         for (at, trust) in [(1101, Trust::Level), (1299, Trust::Level), (1300, Trust::Descend)] {
             assert_eq!(watch.trust(ms(at)), trust, "{at} ms");
         }
+    }
+
+    #[test]
+    fn a_vehicle_lost_in_a_maneuver_is_left_to_itself() {
+        let mut watch = watch();
+        watch.take(ms(1010), &VehicleState { tracking: Tracking::Ballistic, ..state(1210, 10) });
+        assert_eq!(watch.trust(ms(1070)), Trust::State);
+        assert_eq!(watch.trust(ms(1071)), Trust::Descend);
+        watch.take(ms(1080), &VehicleState { tracking: Tracking::Ballistic, ..state(1280, 10) });
+        assert_eq!(watch.trust(ms(1081)), Trust::State);
+        assert!(!watch.take(ms(1085), &VehicleState { tracking: Tracking::Ballistic, ..state(1285, 0) }));
+        assert_eq!(watch.trust(ms(1085)), Trust::Descend);
+        // After it, a state coasted on the model alone is none; one with frames is.
+        assert!(watch.take(ms(1100), &state(1200, 20)));
+        assert!(!watch.take(ms(1130), &VehicleState { tracking: Tracking::Coasting, ..state(1200, 20) }));
+        assert_eq!(watch.trust(ms(1130)), Trust::Descend);
+        assert!(watch.take(ms(1590), &state(1690, 20)));
+        assert!(watch.take(ms(1620), &VehicleState { tracking: Tracking::Coasting, ..state(1690, 20) }));
     }
 
     #[test]

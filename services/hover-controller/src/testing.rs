@@ -42,11 +42,7 @@ impl Dice {
     }
 
     fn vector<F: quantity::Frame>(&mut self, sigma: f64) -> Vector<F> {
-        Vector::new(
-            self.normal() * sigma,
-            self.normal() * sigma,
-            self.normal() * sigma,
-        )
+        Vector::new(self.normal() * sigma, self.normal() * sigma, self.normal() * sigma)
     }
 }
 
@@ -92,12 +88,7 @@ impl Craft {
         let roll = inertia[0] * 40.0 * error.x / (2.0 * arm);
         let pitch = inertia[1] * 40.0 * error.y / (2.0 * arm);
         let yaw = (inertia[2] * 8.0 * error.z / (4.0 * drag_torque)).clamp(-0.2, 0.2);
-        let wanted = [
-            each - pitch + yaw,
-            each + pitch + yaw,
-            each + roll - yaw,
-            each - roll - yaw,
-        ];
+        let wanted = [each - pitch + yaw, each + pitch + yaw, each + roll - yaw, each - roll - yaw];
         for (thrust, wanted) in self.thrust_n.iter_mut().zip(wanted) {
             let wanted = if self.armed { wanted.clamp(0.08, 2.8) } else { 0.0 };
             *thrust += h * if wanted > *thrust { 50.0 } else { 25.0 } * (wanted - *thrust);
@@ -163,13 +154,8 @@ pub(crate) struct Loop {
 impl Loop {
     /// A vehicle at rest, motors off, at that place.
     pub fn new(place: Vector<World>) -> Self {
-        let start = Start {
-            at: START,
-            seed: Seed(1),
-            incarnation: 7,
-        };
-        let mut truth = Kinematics::default();
-        truth.position_m = place;
+        let start = Start { at: START, seed: Seed(1), incarnation: 7 };
+        let truth = Kinematics { position_m: place, ..Kinematics::default() };
         Self {
             now: START,
             craft: Craft {
@@ -217,12 +203,7 @@ impl Loop {
 
     /// Sets a goal of that kind, repeated from now on.
     pub fn order(&mut self, kind: GoalKind, position_m: Vector<World>) {
-        self.goal = Some(VehicleGoal {
-            vehicle: 1,
-            kind,
-            position_m,
-            ..VehicleGoal::default()
-        });
+        self.goal = Some(VehicleGoal { vehicle: 1, kind, position_m, ..VehicleGoal::default() });
         self.repeat_goal();
     }
 
@@ -239,8 +220,7 @@ impl Loop {
     fn step(&mut self, event: Event<Input>) {
         let mut out = Outbox::default();
         self.controller.step(self.now, event, &mut out);
-        self.events
-            .extend(out.take_events().map(|event| event.name.to_string()));
+        self.events.extend(out.take_events().map(|event| event.name.to_string()));
         for Output::Command(command) in out.take_messages() {
             self.commands.push((self.now, command));
             self.newest = Some(command);
@@ -308,11 +288,8 @@ impl Loop {
     /// The truth carried through the commands on their way, plus noise.
     pub fn state(&mut self) -> VehicleState {
         let since_slot = (self.now - START).as_nanos() % 20_000_000;
-        let next_slot = if since_slot == 0 {
-            self.now
-        } else {
-            self.now + Span::from_nanos(20_000_000 - since_slot)
-        };
+        let next_slot =
+            if since_slot == 0 { self.now } else { self.now + Span::from_nanos(20_000_000 - since_slot) };
         let predicted_for = next_slot + LINK_DELAY;
         let mut ahead = self.craft.clone();
         let mut at = self.now;

@@ -28,9 +28,7 @@ fn a_flight_from_floor_to_floor() {
     arena.run(10.0);
     let from = arena.track.len();
     arena.run(60.0);
-    let errors = arena.track[from..]
-        .iter()
-        .map(|(_, k)| (k.position_m - PLACE).norm());
+    let errors = arena.track[from..].iter().map(|(_, k)| (k.position_m - PLACE).norm());
     let (mut square, mut peak) = (0.0, 0.0f64);
     for error in errors {
         square += error * error;
@@ -41,20 +39,9 @@ fn a_flight_from_floor_to_floor() {
     arena.order(GoalKind::Land, Vector::new(1.0, 0.5, 0.0));
     arena.run(10.0);
     assert_eq!(arena.events, ["take-off", "landing", "landed"]);
-    assert_eq!(
-        modes(&arena),
-        [CommandMode::Disarmed, CommandMode::Fly, CommandMode::Disarmed]
-    );
-    assert!(
-        (arena.position() - Vector::new(1.0, 0.5, 0.04)).norm() < 0.1,
-        "{:?}",
-        arena.position()
-    );
-    assert!(
-        arena.craft.touchdown_m_s < 0.6,
-        "touched down at {} m/s",
-        arena.craft.touchdown_m_s
-    );
+    assert_eq!(modes(&arena), [CommandMode::Disarmed, CommandMode::Fly, CommandMode::Disarmed]);
+    assert!((arena.position() - Vector::new(1.0, 0.5, 0.04)).norm() < 0.1, "{:?}", arena.position());
+    assert!(arena.craft.touchdown_m_s < 0.6, "touched down at {} m/s", arena.craft.touchdown_m_s);
     assert!(!arena.craft.armed);
 }
 
@@ -78,17 +65,10 @@ fn recover(
     arena.craft.truth.rate_rad_s = rate;
     arena.order(GoalKind::Hover, PLACE);
     arena.run(8.0);
-    let mut recovery = Recovery {
-        lowest_m: f64::MAX,
-        farthest_m: 0.0,
-        settled_s: 0.0,
-    };
+    let mut recovery = Recovery { lowest_m: f64::MAX, farthest_m: 0.0, settled_s: 0.0 };
     for (at, k) in &arena.track {
         recovery.lowest_m = recovery.lowest_m.min(k.position_m.z);
-        recovery.farthest_m = recovery
-            .farthest_m
-            .max(k.position_m.x.abs())
-            .max(k.position_m.y.abs());
+        recovery.farthest_m = recovery.farthest_m.max(k.position_m.x.abs()).max(k.position_m.y.abs());
         if (k.position_m - PLACE).norm() > 0.05 || k.velocity_m_s.norm() > 0.1 {
             recovery.settled_s = (*at - START).as_secs_f64();
         }
@@ -116,11 +96,7 @@ fn good_flips_are_caught_within_two_seconds_and_bad_ones_inside_the_hall() {
 
 #[test]
 fn any_attitude_is_recovered() {
-    let axes = [
-        Vector::new(1.0, 0.0, 0.0),
-        Vector::new(0.0, 1.0, 0.0),
-        Vector::new(0.6, -0.8, 0.0),
-    ];
+    let axes = [Vector::new(1.0, 0.0, 0.0), Vector::new(0.0, 1.0, 0.0), Vector::new(0.6, -0.8, 0.0)];
     for axis in axes {
         for angle in [0.8, 1.6, 2.4, 3.1, core::f64::consts::PI] {
             for rate in [-8.0, 0.0, 8.0] {
@@ -167,34 +143,17 @@ fn states_that_stop_are_answered_by_level_then_descent() {
     let last_state = arena.now - Span::from_millis(5);
     arena.run(0.5);
     let since = |index: usize| arena.commands[index].0 - last_state;
-    let descend = arena
-        .commands
-        .iter()
-        .position(|(_, c)| c.mode == CommandMode::Descend)
-        .expect("it descends");
-    assert!(
-        (since(0) - Span::from_millis(60)).abs() <= Span::from_millis(1),
-        "{}",
-        since(0)
-    );
-    assert!(
-        (since(descend) - Span::from_millis(300)).abs() <= Span::from_millis(10),
-        "{}",
-        since(descend)
-    );
+    let descend =
+        arena.commands.iter().position(|(_, c)| c.mode == CommandMode::Descend).expect("it descends");
+    assert!((since(0) - Span::from_millis(60)).abs() <= Span::from_millis(1), "{}", since(0));
+    assert!((since(descend) - Span::from_millis(300)).abs() <= Span::from_millis(10), "{}", since(descend));
     for (_, level) in &arena.commands[..descend] {
         assert_eq!(level.mode, CommandMode::Fly);
-        assert!(
-            (level.collective_m_s2 - 9.81 / 0.92).abs() < 1.0,
-            "thrust is held: {level:?}"
-        );
+        assert!((level.collective_m_s2 - 9.81 / 0.92).abs() < 1.0, "thrust is held: {level:?}");
         assert_eq!(level.rate_rad_s.z, 0.0);
     }
     for pair in arena.commands.windows(2) {
-        assert!(
-            pair[1].0 - pair[0].0 <= Span::from_millis(20),
-            "no radio slot goes without a command"
-        );
+        assert!(pair[1].0 - pair[0].0 <= Span::from_millis(20), "no radio slot goes without a command");
     }
     assert!(arena.craft.truth.orientation.tilt_rad() < 0.15);
     assert_eq!(arena.events, ["levelling", "descending"]);
@@ -202,16 +161,10 @@ fn states_that_stop_are_answered_by_level_then_descent() {
     arena.accepted_frames = 9;
     arena.states = true;
     arena.run(0.1);
-    assert_eq!(
-        arena.commands.last().expect("commands flow").1.mode,
-        CommandMode::Descend
-    );
+    assert_eq!(arena.commands.last().expect("commands flow").1.mode, CommandMode::Descend);
     arena.accepted_frames = 10;
     arena.run(0.1);
-    assert_eq!(
-        arena.commands.last().expect("commands flow").1.mode,
-        CommandMode::Fly
-    );
+    assert_eq!(arena.commands.last().expect("commands flow").1.mode, CommandMode::Fly);
     arena.run(6.0);
     assert!((arena.position() - PLACE).norm() < 0.05, "{:?}", arena.position());
 }
@@ -228,10 +181,7 @@ fn a_state_called_invalid_is_not_flown() {
     arena.hear(state);
     let (at, command) = *arena.commands.last().expect("it is answered");
     assert_eq!((at, command.mode), (arena.now, CommandMode::Fly));
-    assert!(
-        command.rate_rad_s.norm() < 1.0 && (command.collective_m_s2 - 10.66).abs() < 1.0,
-        "{command:?}"
-    );
+    assert!(command.rate_rad_s.norm() < 1.0 && (command.collective_m_s2 - 10.66).abs() < 1.0, "{command:?}");
     assert_eq!(arena.events, ["levelling"]);
 }
 
@@ -244,10 +194,7 @@ fn commands_expire_with_the_state_or_after_60_ms() {
     state.valid_until = arena.now + Span::from_millis(30);
     arena.hear(state);
     assert_eq!(arena.commands[1].1.valid_until, state.valid_until);
-    assert_eq!(
-        arena.commands[1].1.lease_epoch, 7,
-        "the incarnation is the lease's epoch"
-    );
+    assert_eq!(arena.commands[1].1.lease_epoch, 7, "the incarnation is the lease's epoch");
 }
 
 #[test]
@@ -267,11 +214,7 @@ fn an_unseen_vehicle_is_told_nothing() {
 fn a_restart_in_the_air_holds_then_lands() {
     let mut arena = Loop::hovering(Vector::new(1.0, 1.0, 3.0));
     arena.run(1.9);
-    assert!(
-        (arena.position() - Vector::new(1.0, 1.0, 3.0)).norm() < 0.06,
-        "{:?}",
-        arena.position()
-    );
+    assert!((arena.position() - Vector::new(1.0, 1.0, 3.0)).norm() < 0.06, "{:?}", arena.position());
     arena.run(8.0);
     assert_eq!(arena.events, ["landing", "landed"]);
     assert!(!arena.craft.armed);
@@ -298,10 +241,7 @@ fn a_low_battery_lands_and_stays_down() {
     arena.battery_v = limits.land_v_min - limits.hover_sag_v - 0.2;
     arena.run(15.0);
     assert_eq!(arena.events, ["battery-low", "landing", "landed"]);
-    assert_eq!(
-        arena.commands.last().expect("commands flow").1.mode,
-        CommandMode::Disarmed
-    );
+    assert_eq!(arena.commands.last().expect("commands flow").1.mode, CommandMode::Disarmed);
 }
 
 #[test]
@@ -311,10 +251,7 @@ fn motors_that_do_not_start_are_not_insisted_on() {
     arena.order(GoalKind::Hover, PLACE);
     arena.run(2.5);
     assert_eq!(arena.events, ["take-off", "take-off-failed"]);
-    assert_eq!(
-        arena.commands.last().expect("commands flow").1.mode,
-        CommandMode::Disarmed
-    );
+    assert_eq!(arena.commands.last().expect("commands flow").1.mode, CommandMode::Disarmed);
 }
 
 #[test]
@@ -323,11 +260,7 @@ fn a_latched_vehicle_is_left_alone() {
     arena.telemetry = false;
     arena.order(GoalKind::Hover, PLACE);
     for _ in 0..20 {
-        arena.hear(VehicleTelemetry {
-            vehicle: 1,
-            mode: FlightMode::Stopped,
-            ..VehicleTelemetry::default()
-        });
+        arena.hear(VehicleTelemetry { vehicle: 1, mode: FlightMode::Stopped, ..VehicleTelemetry::default() });
         arena.run(0.1);
     }
     assert_eq!(modes(&arena), [CommandMode::Disarmed]);
@@ -342,21 +275,9 @@ fn commands_go_on_through_a_maneuver() {
     arena.goal = None;
     let from = arena.commands.len();
     arena.run(3.5);
-    assert!(
-        arena.commands[from..]
-            .iter()
-            .all(|(_, command)| command.mode == CommandMode::Fly)
-    );
-    assert!(
-        arena.commands[from..]
-            .windows(2)
-            .all(|pair| pair[1].0 - pair[0].0 <= Span::from_millis(20))
-    );
-    assert!(
-        arena.events.is_empty(),
-        "no landing is begun in a maneuver: {:?}",
-        arena.events
-    );
+    assert!(arena.commands[from..].iter().all(|(_, command)| command.mode == CommandMode::Fly));
+    assert!(arena.commands[from..].windows(2).all(|pair| pair[1].0 - pair[0].0 <= Span::from_millis(20)));
+    assert!(arena.events.is_empty(), "no landing is begun in a maneuver: {:?}", arena.events);
     arena.maneuver = ManeuverPhase::Completed;
     arena.run(0.2);
     assert_eq!(arena.events, ["landing"]);
@@ -366,11 +287,7 @@ fn commands_go_on_through_a_maneuver() {
 fn foolish_settings_are_refused() {
     let mut tuning = Tuning::default();
     tuning.safety.state_s_max = f64::NAN;
-    let start = Start {
-        at: START,
-        seed: Seed(1),
-        incarnation: 7,
-    };
+    let start = Start { at: START, seed: Seed(1), incarnation: 7 };
     let error = HoverController::new(&settings(), tuning, start).expect_err("not a number");
     assert!(error.to_string().contains("safety.state_s_max"), "{error}");
 }
@@ -413,7 +330,8 @@ proptest! {
             };
             state.prediction.position_m = position_m;
             state.prediction.velocity_m_s = velocity;
-            state.prediction.orientation = Rotation::from_rotation_vector(Vector::new(turn[0], turn[1], turn[2]));
+            let turn = Vector::new(turn[0], turn[1], turn[2]);
+            state.prediction.orientation = Rotation::from_rotation_vector(turn);
             state.prediction.rate_rad_s = rate;
             controller.step(now, Event::Input(Input::State(state)), &mut out);
             while let Some(at) = controller.deadline().filter(|at| *at <= now) {

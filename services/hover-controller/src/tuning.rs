@@ -63,7 +63,8 @@ pub struct AttitudeTuning {
     pub tilt_gain_1_s: f64,
     /// Rate asked for by error of heading.
     pub yaw_gain_1_s: f64,
-    /// The vehicle goes on turning for so long when told to stop: errors are taken at the attitude it will have.
+    /// The vehicle goes on turning for so long when told to stop: errors are taken at the attitude it will
+    /// have.
     pub lead_s: f64,
     /// Angular acceleration it can be relied on to stop with.
     pub stopping_rad_s2: f64,
@@ -135,6 +136,8 @@ pub struct SafetyTuning {
     pub descend_after_invalid_s: f64,
     /// Consecutive frames the estimate must rest on before the vehicle is flown again.
     pub resume_frames: u16,
+    /// For so long after a maneuver, states count only while the cameras see the vehicle.
+    pub settle_s: f64,
     /// Validity of a command.
     pub command_s: f64,
     /// Period of commands while no state comes.
@@ -217,6 +220,7 @@ impl Default for SafetyTuning {
             descend_after_s: 0.3,
             descend_after_invalid_s: 0.2,
             resume_frames: 10,
+            settle_s: 0.5,
             command_s: 0.06,
             blind_period_s: 0.01,
             telemetry_s_max: 0.5,
@@ -260,12 +264,7 @@ impl Tuning {
             ("position.climb_m_s_max", p.climb_m_s_max, 0.1, 10.0),
             ("position.descent_m_s_max", p.descent_m_s_max, 0.1, 10.0),
             ("position.tilt_rad_max", p.tilt_rad_max, 0.05, 1.2),
-            (
-                "position.recovery_tilt_rad_max",
-                p.recovery_tilt_rad_max,
-                p.tilt_rad_max,
-                1.3,
-            ),
+            ("position.recovery_tilt_rad_max", p.recovery_tilt_rad_max, p.tilt_rad_max, 1.3),
             ("position.collective_m_s2_min", p.collective_m_s2_min, 0.1, 9.0),
             ("position.collective_m_s2_max", p.collective_m_s2_max, 11.0, 24.0),
             ("position.goal_horizon_s", p.goal_horizon_s, 0.0, 2.0),
@@ -279,7 +278,7 @@ impl Tuning {
         ]
     }
 
-    fn phase_ranges(&self) -> [Range; 29] {
+    fn phase_ranges(&self) -> [Range; 30] {
         let (p, s) = (&self.phases, &self.safety);
         [
             ("phases.ground_s_min", p.ground_s_min, 0.02, 60.0),
@@ -295,12 +294,7 @@ impl Tuning {
             ("phases.flare_height_m", p.flare_height_m, 0.0, 5.0),
             ("phases.spot_m", p.spot_m, 0.01, 10.0),
             ("phases.standing_height_m", p.standing_height_m, 0.0, 1.0),
-            (
-                "phases.airborne_height_m",
-                p.airborne_height_m,
-                p.standing_height_m,
-                2.0,
-            ),
+            ("phases.airborne_height_m", p.airborne_height_m, p.standing_height_m, 2.0),
             ("phases.touchdown_s", p.touchdown_s, 0.01, 5.0),
             ("phases.no_goal_s", p.no_goal_s, 0.0, 60.0),
             ("phases.goal_s_max", p.goal_s_max, 0.2, 60.0),
@@ -310,13 +304,9 @@ impl Tuning {
             ("phases.recover_rad_s", p.recover_rad_s, 0.1, 100.0),
             ("safety.state_s_max", s.state_s_max, 0.005, 1.0),
             ("safety.descend_after_s", s.descend_after_s, s.state_s_max, 5.0),
-            (
-                "safety.descend_after_invalid_s",
-                s.descend_after_invalid_s,
-                0.0,
-                5.0,
-            ),
+            ("safety.descend_after_invalid_s", s.descend_after_invalid_s, 0.0, 5.0),
             ("safety.resume_frames", f64::from(s.resume_frames), 1.0, 1000.0),
+            ("safety.settle_s", s.settle_s, 0.0, 10.0),
             ("safety.command_s", s.command_s, 0.005, 0.2),
             ("safety.blind_period_s", s.blind_period_s, 0.001, 0.06),
             ("safety.telemetry_s_max", s.telemetry_s_max, 0.05, 10.0),

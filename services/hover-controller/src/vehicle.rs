@@ -141,16 +141,8 @@ impl VehicleController {
         let mut reckoning = DeadReckoning::from_state(state);
         reckoning.told(ask.rate_rad_s);
         self.reckoning = Some(reckoning);
-        let valid_until = state
-            .valid_until
-            .min(now + Span::from_secs_f64(self.tuning.safety.command_s));
-        self.publish(
-            ask,
-            valid_until,
-            k.orientation,
-            (k.position_m.z, k.velocity_m_s.z),
-            out,
-        );
+        let valid_until = state.valid_until.min(now + Span::from_secs_f64(self.tuning.safety.command_s));
+        self.publish(ask, valid_until, k.orientation, (k.position_m.z, k.velocity_m_s.z), out);
         // One nanosecond later the state is too old.
         self.blind_at = self.watch.level_at().map(|at| at + Span::from_nanos(1));
     }
@@ -162,10 +154,7 @@ impl VehicleController {
         {
             self.phase = match self.phase {
                 Phase::Ground { .. } => self.phase,
-                _ => Phase::Ground {
-                    since: now,
-                    ready_at: now,
-                },
+                _ => Phase::Ground { since: now, ready_at: now },
             };
         }
         let trust = self.watch.trust(now);
@@ -194,16 +183,10 @@ impl VehicleController {
         }
         let (severity, name, detail) = match trust {
             Trust::State => (Severity::Info, "state-trusted", "flying on the estimate again"),
-            Trust::Level => (
-                Severity::Warning,
-                "levelling",
-                "no valid state: level, thrust held",
-            ),
-            Trust::Descend => (
-                Severity::Fault,
-                "descending",
-                "no valid state for too long: descends by itself",
-            ),
+            Trust::Level => (Severity::Warning, "levelling", "no valid state: level, thrust held"),
+            Trust::Descend => {
+                (Severity::Fault, "descending", "no valid state for too long: descends by itself")
+            }
         };
         out.event(now, severity, self.id, name, detail);
     }
@@ -249,10 +232,7 @@ impl VehicleController {
     }
 
     fn is_airborne(&self) -> bool {
-        matches!(
-            self.phase,
-            Phase::Climb { .. } | Phase::Fly { .. } | Phase::Land { .. }
-        )
+        matches!(self.phase, Phase::Climb { .. } | Phase::Fly { .. } | Phase::Land { .. })
     }
 
     /// The command for the state predicted.
@@ -270,22 +250,19 @@ impl VehicleController {
                     rate_rad_s: Vector::ZERO,
                 };
             }
-            Phase::Climb { from, .. } => (
-                self.climb_target(from, wish, k),
-                Some(self.tuning.phases.climb_m_s),
-            ),
+            Phase::Climb { from, .. } => {
+                (self.climb_target(from, wish, k), Some(self.tuning.phases.climb_m_s))
+            }
             Phase::Fly { hold, heading_rad } => (self.fly_target(state, wish, hold, heading_rad), None),
-            Phase::Land { spot, .. } => (
-                still(spot, k.orientation.yaw_rad()),
-                Some(self.landing_speed(k, spot)),
-            ),
+            Phase::Land { spot, .. } => {
+                (still(spot, k.orientation.yaw_rad()), Some(self.landing_speed(k, spot)))
+            }
         };
         self.update_recovering(k, &target);
         if in_maneuver {
             self.position.reset_integral();
         } else {
-            self.position
-                .learn(&self.tuning.position, state.disturbance_m_s2, span_s);
+            self.position.learn(&self.tuning.position, state.disturbance_m_s2, span_s);
         }
         let manner = Manner {
             tilt_rad_max: self.tilt_max(k),
@@ -293,37 +270,16 @@ impl VehicleController {
             learning: !in_maneuver && !self.recovering && state.tracking == Tracking::Tracking,
         };
         let acceleration =
-            self.position
-                .acceleration_m_s2(&self.tuning.position, k, &target, &manner, span_s);
-        let Thrust {
-            axis,
-            collective_m_s2,
-        } = thrust(
-            &self.tuning.position,
-            acceleration,
-            k.orientation,
-            manner.tilt_rad_max,
-        );
-        let rate_rad_s = rates(
-            &self.tuning.attitude,
-            k.orientation,
-            k.rate_rad_s,
-            axis,
-            target.heading_rad,
-        );
-        Ask {
-            mode: CommandMode::Fly,
-            collective_m_s2,
-            rate_rad_s,
-        }
+            self.position.acceleration_m_s2(&self.tuning.position, k, &target, &manner, span_s);
+        let Thrust { axis, collective_m_s2 } =
+            thrust(&self.tuning.position, acceleration, k.orientation, manner.tilt_rad_max);
+        let rate_rad_s = rates(&self.tuning.attitude, k.orientation, k.rate_rad_s, axis, target.heading_rad);
+        Ask { mode: CommandMode::Fly, collective_m_s2, rate_rad_s }
     }
 
     fn climb_target(&self, from: Vector<World>, wish: &Wish, k: &Kinematics) -> Target {
-        let heading_rad = if let Wish::Hover(goal) = wish {
-            goal.heading_rad
-        } else {
-            k.orientation.yaw_rad()
-        };
+        let heading_rad =
+            if let Wish::Hover(goal) = wish { goal.heading_rad } else { k.orientation.yaw_rad() };
         still(from, heading_rad)
     }
 
@@ -390,17 +346,9 @@ impl VehicleController {
         let mut rate_rad_s = rates(&tuning.attitude, k.orientation, Vector::ZERO, Vector::Z, 0.0);
         rate_rad_s.z = 0.0;
         reckoning.told(rate_rad_s);
-        let lift = hover_m_s2 / upright.max(0.6);
-        let collective_m_s2 = if upright > 0.0 {
-            lift
-        } else {
-            tuning.position.collective_m_s2_min
-        };
-        Ask {
-            mode: CommandMode::Fly,
-            collective_m_s2,
-            rate_rad_s,
-        }
+        let lift = (hover_m_s2 / upright.max(0.6)).min(tuning.position.collective_m_s2_max);
+        let collective_m_s2 = if upright > 0.0 { lift } else { tuning.position.collective_m_s2_min };
+        Ask { mode: CommandMode::Fly, collective_m_s2, rate_rad_s }
     }
 
     fn descend(&mut self, now: Time) -> Ask {
@@ -413,10 +361,7 @@ impl VehicleController {
 
     fn inside(&self, place: Vector<World>) -> Vector<World> {
         let hall = &self.hall;
-        let (x, y) = (
-            0.5 * hall.width_m - hall.margin_m,
-            0.5 * hall.depth_m - hall.margin_m,
-        );
+        let (x, y) = (0.5 * hall.width_m - hall.margin_m, 0.5 * hall.depth_m - hall.margin_m);
         Vector::new(
             place.x.clamp(-x, x),
             place.y.clamp(-y, y),
@@ -447,11 +392,7 @@ impl VehicleController {
 }
 
 impl Ask {
-    const OFF: Self = Self {
-        mode: CommandMode::Disarmed,
-        collective_m_s2: 0.0,
-        rate_rad_s: Vector::ZERO,
-    };
+    const OFF: Self = Self { mode: CommandMode::Disarmed, collective_m_s2: 0.0, rate_rad_s: Vector::ZERO };
 
     fn descend(hover_m_s2: f64) -> Self {
         Self {
@@ -463,10 +404,5 @@ impl Ask {
 }
 
 fn still(position_m: Vector<World>, heading_rad: f64) -> Target {
-    Target {
-        position_m,
-        velocity_m_s: Vector::ZERO,
-        acceleration_m_s2: Vector::ZERO,
-        heading_rad,
-    }
+    Target { position_m, velocity_m_s: Vector::ZERO, acceleration_m_s2: Vector::ZERO, heading_rad }
 }

@@ -40,10 +40,7 @@ impl core::fmt::Display for OutOfBounds {
         match self {
             Self::NoFlip(error) => write!(f, "{error}"),
             Self::Short { step, duration_s } => write!(f, "step {step} would last {duration_s:.4} s only"),
-            Self::Collective {
-                step,
-                collective_m_s2,
-            } => {
+            Self::Collective { step, collective_m_s2 } => {
                 write!(f, "step {step} would ask for {collective_m_s2:.2} m/s²")
             }
             Self::Rate { rate_rad_s } => write!(f, "a rate of {rate_rad_s:.2} rad/s would be asked for"),
@@ -99,16 +96,10 @@ impl BoundsTuning {
         for (index, step) in primitive.steps().iter().enumerate() {
             let (number, duration_s, collective_m_s2) = (index + 1, step.duration_s, step.collective_m_s2);
             if duration_s < self.duration_s_min * below {
-                return Err(OutOfBounds::Short {
-                    step: number,
-                    duration_s,
-                });
+                return Err(OutOfBounds::Short { step: number, duration_s });
             }
             if !(low..=high).contains(&collective_m_s2) {
-                return Err(OutOfBounds::Collective {
-                    step: number,
-                    collective_m_s2,
-                });
+                return Err(OutOfBounds::Collective { step: number, collective_m_s2 });
             }
             rate_rad_s += step.angular_acceleration_rad_s2 * duration_s;
             if rate_rad_s.abs() > self.rate_rad_s_max * above {
@@ -128,10 +119,8 @@ impl StepTuning {
     pub(crate) fn shorten(&self, step: [f64; 5]) -> ([f64; 5], bool) {
         let (u_max, t_max) = (self.collective_m_s2_max, self.duration_s_max);
         let limits = [u_max, t_max, t_max, u_max, t_max];
-        let excess = step
-            .iter()
-            .zip(limits)
-            .fold(1.0_f64, |excess, (part, limit)| excess.max(part.abs() / limit));
+        let excess =
+            step.iter().zip(limits).fold(1.0_f64, |excess, (part, limit)| excess.max(part.abs() / limit));
         (step.map(|part| part / excess), excess > 1.0)
     }
 }

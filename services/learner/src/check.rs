@@ -85,37 +85,19 @@ pub(crate) fn check(
     tuning: &CheckTuning,
 ) -> Result<Forecast, Refusal> {
     let primitive = bounds.admit(model, design, parameters).map_err(Refusal::Bounds)?;
-    let report = stress(
-        model,
-        design,
-        parameters,
-        Discretisation::Hold800,
-        tuning.spread_ratio,
-    )
-    .map_err(Refusal::Model)?;
+    let report = stress(model, design, parameters, Discretisation::Hold800, tuning.spread_ratio)
+        .map_err(Refusal::Model)?;
     let loss_m = report.deepest().height_loss_m;
     // Asked this way round, so that what is not a number is refused too.
     let stays_off_the_floor = loss_m <= room.below_m;
     if !stays_off_the_floor {
-        return Err(Refusal::Sinks {
-            loss_m,
-            room_m: room.below_m,
-        });
+        return Err(Refusal::Sinks { loss_m, room_m: room.below_m });
     }
     // The weakest decides: what a weak vehicle has learned would carry the others to the net.
-    let apex_m = report
-        .cases
-        .iter()
-        .fold(f64::INFINITY, |least, case| least.min(case.apex_m));
+    let apex_m = report.cases.iter().fold(f64::INFINITY, |least, case| least.min(case.apex_m));
     let stays_off_the_net = apex_m <= room.above_m;
     if !stays_off_the_net {
-        return Err(Refusal::Climbs {
-            apex_m,
-            room_m: room.above_m,
-        });
+        return Err(Refusal::Climbs { apex_m, room_m: room.above_m });
     }
-    Ok(Forecast {
-        duration_s: primitive.duration_s(),
-        height_loss_m: loss_m,
-    })
+    Ok(Forecast { duration_s: primitive.duration_s(), height_loss_m: loss_m })
 }

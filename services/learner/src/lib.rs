@@ -82,12 +82,7 @@ impl Core for Learner {
                 &tuning,
             ));
         }
-        Ok(Self {
-            tuning,
-            vehicles,
-            has_spoken: false,
-            next_word_at: start.at,
-        })
+        Ok(Self { tuning, vehicles, has_spoken: false, next_word_at: start.at })
     }
 
     fn deadline(&self) -> Option<Time> {
@@ -97,10 +92,7 @@ impl Core for Learner {
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Out) {
         match event {
             Event::Input(Input::Result(result)) => {
-                let Some(vehicle) = self
-                    .vehicles
-                    .iter_mut()
-                    .find(|vehicle| vehicle.id() == result.vehicle)
+                let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id() == result.vehicle)
                 else {
                     return;
                 };

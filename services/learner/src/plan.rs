@@ -32,11 +32,7 @@ impl Plan {
         let margin = flip.envelope_margin_ratio;
         let envelope = Envelope::with_margin(&model, margin)
             .map_err(|error| malformed(arena, &format!("flip.envelope_margin_ratio = {margin}: {error}")))?;
-        let designed = FlipDesign {
-            flips: flip.flips,
-            rate_rad_s_max: flip.design_rate_rad_s,
-            envelope,
-        };
+        let designed = FlipDesign { flips: flip.flips, rate_rad_s_max: flip.design_rate_rad_s, envelope };
         let solution = solve(&model, &designed, Discretisation::Continuous)
             .map_err(|error| unsolved(arena, &vehicle.subject, error))?;
         let jacobian = SMatrix::<f64, 5, 5>::from_fn(|row, column| solution.jacobian[row][column]);
@@ -46,10 +42,7 @@ impl Plan {
             .ok_or_else(|| malformed(arena, "the flip's Jacobian has no inverse"))?;
         Ok(Self {
             model,
-            flown: FlipDesign {
-                rate_rad_s_max: flip.flown_rate_rad_s,
-                ..designed
-            },
+            flown: FlipDesign { rate_rad_s_max: flip.flown_rate_rad_s, ..designed },
             first: solution.parameters,
             inverse,
             step_size: flip.step_size_ratio,
@@ -93,10 +86,7 @@ fn scenario_file(arena: &Arena) -> String {
 }
 
 fn malformed(arena: &Arena, reason: &str) -> ConfigError {
-    ConfigError::Malformed {
-        file: scenario_file(arena),
-        reason: reason.to_owned(),
-    }
+    ConfigError::Malformed { file: scenario_file(arena), reason: reason.to_owned() }
 }
 
 fn unsolved(arena: &Arena, subject: &str, error: SolveError) -> ConfigError {

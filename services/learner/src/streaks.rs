@@ -49,10 +49,7 @@ impl Streaks {
         if self.unmeasured_flips < tuning.unmeasured_flips_max {
             return Verdict::GoOn;
         }
-        Verdict::Stop(format!(
-            "{} flips in a row were not measured",
-            self.unmeasured_flips
-        ))
+        Verdict::Stop(format!("{} flips in a row were not measured", self.unmeasured_flips))
     }
 
     /// A step was taken, whole or in part.
@@ -66,10 +63,7 @@ impl Streaks {
         if self.refused_steps < tuning.refused_steps_max {
             return Verdict::GoOn;
         }
-        Verdict::Stop(format!(
-            "{} steps in a row may not be flown; the last {refusal}",
-            self.refused_steps
-        ))
+        Verdict::Stop(format!("{} steps in a row may not be flown; the last {refusal}", self.refused_steps))
     }
 }
 
@@ -79,9 +73,7 @@ mod tests {
 
     fn stops_after(norms: impl IntoIterator<Item = f64>) -> Option<usize> {
         let (tuning, mut streaks) = (StopTuning::default(), Streaks::default());
-        norms
-            .into_iter()
-            .position(|norm| streaks.measured(&tuning, norm) != Verdict::GoOn)
+        norms.into_iter().position(|norm| streaks.measured(&tuning, norm) != Verdict::GoOn)
     }
 
     #[test]
@@ -92,34 +84,20 @@ mod tests {
             None,
             "one that shrinks"
         );
-        assert_eq!(
-            stops_after((0..100).map(|flip| 0.01 * f64::from(flip))),
-            None,
-            "small errors may grow"
-        );
+        assert_eq!(stops_after((0..100).map(|flip| 0.01 * f64::from(flip))), None, "small errors may grow");
         assert_eq!(
             stops_after((0..100).map(|flip| 18.0 - 0.1 * f64::from(flip))),
             None,
             "large ones may shrink"
         );
-        assert_eq!(
-            stops_after([25.0, 24.0, 23.0, 22.0, 21.0]),
-            Some(4),
-            "wild ones may not even shrink"
-        );
+        assert_eq!(stops_after([25.0, 24.0, 23.0, 22.0, 21.0]), Some(4), "wild ones may not even shrink");
     }
 
     #[test]
     fn the_first_triple_flip_of_the_paper_is_not_bad() {
         let (tuning, mut streaks) = (StopTuning::default(), Streaks::default());
-        let norm = maneuver::FinalError {
-            x_m: -1.0,
-            z_m: -2.0,
-            vx_m_s: -4.0,
-            vz_m_s: -2.0,
-            theta_rad: -1.0,
-        }
-        .norm();
+        let norm =
+            maneuver::FinalError { x_m: -1.0, z_m: -2.0, vx_m_s: -4.0, vz_m_s: -2.0, theta_rad: -1.0 }.norm();
         for _ in 0..20 {
             assert_eq!(streaks.measured(&tuning, norm), Verdict::GoOn);
         }

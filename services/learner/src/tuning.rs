@@ -73,10 +73,7 @@ pub struct StepTuning {
 
 impl Default for StepTuning {
     fn default() -> Self {
-        Self {
-            collective_m_s2_max: 2.0,
-            duration_s_max: 0.1,
-        }
+        Self { collective_m_s2_max: 2.0, duration_s_max: 0.1 }
     }
 }
 
@@ -142,22 +139,11 @@ impl Tuning {
     /// # Errors
     /// The first number outside its range, the scenario's flown rate among them.
     pub(crate) fn check(&self, arena: &Arena) -> Result<(), ConfigError> {
-        let Self {
-            repeat_s,
-            bounds,
-            step,
-            check,
-            stop,
-        } = self;
+        let Self { repeat_s, bounds, step, check, stop } = self;
         for (key, value, min, max) in [
             ("repeat_s", *repeat_s, 0.05, 10.0),
             ("bounds.collective_m_s2_min", bounds.collective_m_s2_min, 0.0, 9.0),
-            (
-                "bounds.collective_m_s2_max",
-                bounds.collective_m_s2_max,
-                10.0,
-                200.0,
-            ),
+            ("bounds.collective_m_s2_max", bounds.collective_m_s2_max, 10.0, 200.0),
             ("bounds.duration_s_min", bounds.duration_s_min, 1e-4, 0.1),
             ("bounds.total_s_max", bounds.total_s_max, 0.1, 10.0),
             ("bounds.rate_rad_s_max", bounds.rate_rad_s_max, 1.0, 200.0),
@@ -165,46 +151,20 @@ impl Tuning {
             ("step.duration_s_max", step.duration_s_max, 1e-4, 1.0),
             ("check.spread_ratio", check.spread_ratio, 0.0, 0.5),
             ("check.floor_reserve_m_min", check.floor_reserve_m_min, 0.0, 100.0),
-            (
-                "check.ceiling_reserve_m_min",
-                check.ceiling_reserve_m_min,
-                0.0,
-                100.0,
-            ),
+            ("check.ceiling_reserve_m_min", check.ceiling_reserve_m_min, 0.0, 100.0),
             ("check.place_m_max", check.place_m_max, 0.0, 2.0),
             ("check.halvings_max", f64::from(check.halvings_max), 0.0, 30.0),
             ("stop.bad_flips_max", f64::from(stop.bad_flips_max), 1.0, 1000.0),
-            (
-                "stop.unmeasured_flips_max",
-                f64::from(stop.unmeasured_flips_max),
-                1.0,
-                1000.0,
-            ),
-            (
-                "stop.refused_steps_max",
-                f64::from(stop.refused_steps_max),
-                1.0,
-                1000.0,
-            ),
+            ("stop.unmeasured_flips_max", f64::from(stop.unmeasured_flips_max), 1.0, 1000.0),
+            ("stop.refused_steps_max", f64::from(stop.refused_steps_max), 1.0, 1000.0),
             ("stop.error_norm_max", stop.error_norm_max, 0.1, 1e3),
-            (
-                "stop.error_norm_wild",
-                stop.error_norm_wild,
-                stop.error_norm_max,
-                1e6,
-            ),
+            ("stop.error_norm_wild", stop.error_norm_wild, stop.error_norm_max, 1e6),
         ] {
             in_range("services.toml", &format!("[learner] {key}"), value, min, max)?;
         }
         let file = format!("scenarios/{}.toml", arena.name);
         let flown_rad_s = arena.scenario.flip.flown_rate_rad_s;
-        in_range(
-            &file,
-            "flip.flown_rate_rad_s",
-            flown_rad_s,
-            0.0,
-            bounds.rate_rad_s_max,
-        )
+        in_range(&file, "flip.flown_rate_rad_s", flown_rad_s, 0.0, bounds.rate_rad_s_max)
     }
 }
 
@@ -216,11 +176,5 @@ fn in_range(file: &str, key: &str, value: f64, min: f64, max: f64) -> Result<(),
     if (min..=max).contains(&value) {
         return Ok(());
     }
-    Err(ConfigError::OutOfRange {
-        file: file.to_owned(),
-        key: key.to_owned(),
-        value,
-        min,
-        max,
-    })
+    Err(ConfigError::OutOfRange { file: file.to_owned(), key: key.to_owned(), value, min, max })
 }

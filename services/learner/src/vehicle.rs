@@ -60,14 +60,7 @@ impl VehicleLearning {
 
     fn check(&self, parameters: &Parameters, tuning: &Tuning) -> Result<Forecast, Refusal> {
         let Plan { model, flown, .. } = &self.plan;
-        check(
-            model,
-            flown,
-            parameters,
-            &self.room,
-            &tuning.bounds,
-            &tuning.check,
-        )
+        check(model, flown, parameters, &self.room, &tuning.bounds, &tuning.check)
     }
 
     /// What the flip manager shall do next.
@@ -79,11 +72,7 @@ impl VehicleLearning {
         } else {
             LearnerVerdict::Fly
         };
-        let reason = self
-            .stopped
-            .as_deref()
-            .map(|reason| cut(reason, 120))
-            .unwrap_or_default();
+        let reason = self.stopped.as_deref().map(|reason| cut(reason, 120)).unwrap_or_default();
         let design = &self.plan.flown;
         ManeuverParameters {
             vehicle: self.id,
@@ -133,15 +122,10 @@ impl VehicleLearning {
     /// its predecessor ordered them.
     fn adopt(&mut self, now: Time, result: &ManeuverResult, tuning: &Tuning, out: &mut Out) {
         let flown = from_flown(&result.parameters);
-        let same = self
-            .parameters
-            .to_array()
-            .iter()
-            .zip(flown.to_array())
-            .all(|(own, flown)| {
-                // Not `>`: what is not a number is not the same.
-                (own - flown).abs() <= SAME_RATIO * own.abs()
-            });
+        let same = self.parameters.to_array().iter().zip(flown.to_array()).all(|(own, flown)| {
+            // Not `>`: what is not a number is not the same.
+            (own - flown).abs() <= SAME_RATIO * own.abs()
+        });
         if same {
             return;
         }
@@ -150,16 +134,10 @@ impl VehicleLearning {
                 self.parameters = flown;
                 self.forecast = forecast;
                 self.streaks = Streaks::default();
-                format!(
-                    "goes on from flip {}, flown with parameters of another start",
-                    result.iteration
-                )
+                format!("goes on from flip {}, flown with parameters of another start", result.iteration)
             }
             Err(refusal) => {
-                format!(
-                    "flip {} was flown with parameters that may not be: {refusal}",
-                    result.iteration
-                )
+                format!("flip {} was flown with parameters that may not be: {refusal}", result.iteration)
             }
         };
         out.event(now, Severity::Warning, self.id, "parameters-adopted", &detail);
@@ -170,17 +148,12 @@ impl VehicleLearning {
         let correction = self.plan.correction(error);
         let (mut step, shortened) = tuning.step.shorten(correction);
         if shortened {
-            let detail = format!(
-                "flip {}: the step was too long and has been shortened",
-                self.iteration
-            );
+            let detail = format!("flip {}: the step was too long and has been shortened", self.iteration);
             out.event(now, Severity::Info, self.id, "step-shortened", &detail);
         }
         let mut refused = None;
         for _ in 0..=tuning.check.halvings_max {
-            let (moved, cut) = tuning
-                .bounds
-                .cut(&self.plan.model, stepped(&self.parameters, &step));
+            let (moved, cut) = tuning.bounds.cut(&self.plan.model, stepped(&self.parameters, &step));
             match self.check(&moved, tuning) {
                 Ok(forecast) => {
                     self.parameters = moved;
@@ -194,10 +167,7 @@ impl VehicleLearning {
             step = step.map(|part| 0.5 * part);
         }
         let Some(refusal) = refused else { return };
-        let detail = format!(
-            "flip {}: no part of the step may be flown: {refusal}",
-            self.iteration
-        );
+        let detail = format!("flip {}: no part of the step may be flown: {refusal}", self.iteration);
         out.event(now, Severity::Warning, self.id, "step-refused", &detail);
         if let Verdict::Stop(reason) = self.streaks.step_refused(&tuning.stop, &refusal) {
             self.stop(now, reason, out);
@@ -206,10 +176,7 @@ impl VehicleLearning {
 
     fn report_limits(&self, now: Time, cut: bool, refused: Option<Refusal>, out: &mut Out) {
         if let Some(refusal) = refused {
-            let detail = format!(
-                "flip {}: only part of the step may be flown: {refusal}",
-                self.iteration
-            );
+            let detail = format!("flip {}: only part of the step may be flown: {refusal}", self.iteration);
             out.event(now, Severity::Info, self.id, "step-halved", &detail);
         }
         if cut {
@@ -233,10 +200,7 @@ impl VehicleLearning {
 
 fn stepped(parameters: &Parameters, step: &[f64; 5]) -> Parameters {
     let mut moved = parameters.to_array();
-    moved
-        .iter_mut()
-        .zip(step)
-        .for_each(|(parameter, part)| *parameter += part);
+    moved.iter_mut().zip(step).for_each(|(parameter, part)| *parameter += part);
     Parameters::from_array(moved)
 }
 
@@ -250,37 +214,13 @@ fn cut(text: &str, bytes_max: usize) -> &str {
 }
 
 fn to_message(parameters: &Parameters) -> FlipParameters {
-    let Parameters {
-        u1_m_s2,
-        t1_s,
-        t3_s,
-        u5_m_s2,
-        t5_s,
-    } = *parameters;
-    FlipParameters {
-        u1_m_s2,
-        t1_s,
-        t3_s,
-        u5_m_s2,
-        t5_s,
-    }
+    let Parameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s } = *parameters;
+    FlipParameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s }
 }
 
 fn from_flown(parameters: &FlipParameters) -> Parameters {
-    let FlipParameters {
-        u1_m_s2,
-        t1_s,
-        t3_s,
-        u5_m_s2,
-        t5_s,
-    } = *parameters;
-    Parameters {
-        u1_m_s2,
-        t1_s,
-        t3_s,
-        u5_m_s2,
-        t5_s,
-    }
+    let FlipParameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s } = *parameters;
+    Parameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s }
 }
 
 fn from_message(result: &ManeuverResult) -> FinalError {

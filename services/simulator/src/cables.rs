@@ -31,22 +31,13 @@ impl Cables {
     pub(crate) fn open(arena: &Arena) -> Result<Self, ShellError> {
         let devices = &arena.network.devices;
         let data_link = listen_udp(devices.data_link)?;
-        let data_link_sender = data_link
-            .sender()
-            .during(|| format!("opening udp {}", devices.data_link))?;
-        let mut inputs = vec![Input {
-            port: Ports::DATA_LINK,
-            name: "data-link".to_owned(),
-            socket: data_link,
-        }];
+        let data_link_sender = data_link.sender().during(|| format!("opening udp {}", devices.data_link))?;
+        let mut inputs =
+            vec![Input { port: Ports::DATA_LINK, name: "data-link".to_owned(), socket: data_link }];
         for member in &arena.fleet {
             let id = member.vehicle.id;
             let socket = listen_udp(command_link(devices.command_link, id))?;
-            inputs.push(Input {
-                port: Ports::command_link(id),
-                name: format!("command-link-{id}"),
-                socket,
-            });
+            inputs.push(Input { port: Ports::command_link(id), name: format!("command-link-{id}"), socket });
         }
         Ok(Self {
             vicon: connect_udp(devices.vicon)?,
@@ -69,10 +60,7 @@ impl Cables {
     /// Hands the simulation a batch of what each device was sent.
     pub(crate) fn take(&mut self, simulation: &mut Simulation) -> Result<(), ShellError> {
         for input in &mut self.inputs {
-            let count = input
-                .socket
-                .take_batch()
-                .during(|| format!("receiving on {}", input.name))?;
+            let count = input.socket.take_batch().during(|| format!("receiving on {}", input.name))?;
             for index in 0..count {
                 let datagram = input.socket.datagram(index);
                 if input.port == Ports::DATA_LINK && self.data_link_peer != Some(datagram.from) {

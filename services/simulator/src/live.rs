@@ -32,12 +32,8 @@ const SLICE: Span = Span::from_millis(50);
 const LATENESS_MAX: Span = Span::from_millis(5);
 
 /// The topics this program writes.
-static TOPICS: &[&Topic] = &[
-    &topics::PLANT_TRUTH,
-    &topics::PLANT_MANEUVER,
-    &topics::NODE_EVENT,
-    &topics::NODE_HEALTH,
-];
+static TOPICS: &[&Topic] =
+    &[&topics::PLANT_TRUTH, &topics::PLANT_MANEUVER, &topics::NODE_EVENT, &topics::NODE_HEALTH];
 
 pub(crate) fn run(options: &Options, seed: u64) -> Result<(), ShellError> {
     let setup = Setup::load(NAME, options)?;
@@ -49,12 +45,7 @@ pub(crate) fn run(options: &Options, seed: u64) -> Result<(), ShellError> {
             let (vehicles, run) = (setup.arena.fleet.len(), format!("{:016x}", setup.identity.run));
             info!(scenario = setup.arena.name, vehicles, seed, run, "started");
             let reason = live.serve(&mut stop).await?;
-            info!(
-                overruns = live.overruns,
-                stale = live.stale,
-                "ended: {}",
-                reason.name()
-            );
+            info!(overruns = live.overruns, stale = live.stale, "ended: {}", reason.name());
             Ok(())
         }
         .instrument(info_span!("node", name = NAME)),
@@ -65,20 +56,13 @@ pub(crate) fn run(options: &Options, seed: u64) -> Result<(), ShellError> {
 fn refuse_other_domains(domain: Domain) -> Result<(), ShellError> {
     match domain {
         Domain::Sim => Ok(()),
-        found => Err(ShellError::Domain {
-            service: NAME,
-            found: found.name(),
-            allowed: Domain::Sim.name(),
-        }),
+        found => Err(ShellError::Domain { service: NAME, found: found.name(), allowed: Domain::Sim.name() }),
     }
 }
 
 /// Settings that no plant can be made of are wrong settings.
 fn config_error(scenario: &str, error: &PlantError) -> ConfigError {
-    ConfigError::Malformed {
-        file: format!("scenarios/{scenario}.toml"),
-        reason: error.to_string(),
-    }
+    ConfigError::Malformed { file: format!("scenarios/{scenario}.toml"), reason: error.to_string() }
 }
 
 struct Live {
@@ -102,12 +86,10 @@ struct Voice {
 impl Voice {
     fn say<M: Message>(&mut self, topic: &'static Topic, message: &M) {
         let bus = &mut self.bus;
-        let said = self
-            .publisher
-            .publish(clock::now(), topic, message, &mut |published| {
-                bus.send(published.datagram);
-                echo_event(&published);
-            });
+        let said = self.publisher.publish(clock::now(), topic, message, &mut |published| {
+            bus.send(published.datagram);
+            echo_event(&published);
+        });
         if let Err(error) = said {
             warn!(topic = topic.name, %error, "a message that cannot be said");
         }
@@ -115,9 +97,7 @@ impl Voice {
 
     fn announce(&mut self) {
         let bus = &mut self.bus;
-        self.publisher.announce(clock::now(), TOPICS, &mut |published| {
-            bus.send(published.datagram)
-        });
+        self.publisher.announce(clock::now(), TOPICS, &mut |published| bus.send(published.datagram));
     }
 }
 
@@ -159,14 +139,8 @@ impl Live {
                     return Ok(reason);
                 }
             }
-            let next = if until < now {
-                now
-            } else {
-                self.simulation.next_event().min(self.announce_at)
-            };
-            self.timer
-                .set(Some(next))
-                .during(|| "setting the timer".to_owned())?;
+            let next = if until < now { now } else { self.simulation.next_event().min(self.announce_at) };
+            self.timer.set(Some(next)).during(|| "setting the timer".to_owned())?;
             if let Some(reason) = self.wait(stop).await? {
                 return Ok(reason);
             }
@@ -191,13 +165,7 @@ impl Live {
 
     fn pass_time(&mut self, now: Time, until: Time) {
         self.steps += 1;
-        let Self {
-            simulation,
-            cables,
-            voice,
-            stale,
-            ..
-        } = self;
+        let Self { simulation, cables, voice, stale, .. } = self;
         let earliest = now - QUEUE_AGE_MAX;
         simulation.advance(until, &mut |said| match said {
             // What should have been sent long ago would only be a burst of the past.
@@ -217,11 +185,8 @@ impl Live {
         self.overruns += 1;
         // Powers of two: a slow machine is reported at once and then ever more rarely.
         if self.overruns.is_power_of_two() {
-            let detail = format!(
-                "{} ms late; {} times so far",
-                lateness.as_nanos() / 1_000_000,
-                self.overruns
-            );
+            let detail =
+                format!("{} ms late; {} times so far", lateness.as_nanos() / 1_000_000, self.overruns);
             let event = NodeEvent {
                 severity: Severity::Warning,
                 vehicle: 0,
@@ -257,10 +222,7 @@ mod tests {
         for domain in [Domain::Live, Domain::Replay] {
             let error = refuse_other_domains(domain).unwrap_err();
             let text = error.to_string();
-            assert!(
-                text.contains(domain.name()) && text.contains("sim only"),
-                "{text}"
-            );
+            assert!(text.contains(domain.name()) && text.contains("sim only"), "{text}");
             assert_eq!(error.exit_code(), std::process::ExitCode::from(2));
         }
     }

@@ -47,11 +47,7 @@ impl Simulation {
     /// # Errors
     /// Settings the plant cannot work with.
     pub fn new(arena: &Arena, seed: u64, start: Time) -> Result<Self, PlantError> {
-        Ok(Self {
-            plant: Plant::new(arena, seed, start)?,
-            inbox: VecDeque::new(),
-            truth_at: start,
-        })
+        Ok(Self { plant: Plant::new(arena, seed, start)?, inbox: VecDeque::new(), truth_at: start })
     }
 
     /// The instant up to which time has passed.
@@ -71,11 +67,8 @@ impl Simulation {
     /// passed.
     pub fn receive(&mut self, arrival: Arrival) {
         // Sockets are read one after the other, so what they bring is nearly in order, and short.
-        let place = self
-            .inbox
-            .iter()
-            .rposition(|earlier| earlier.at <= arrival.at)
-            .map_or(0, |place| place + 1);
+        let place =
+            self.inbox.iter().rposition(|earlier| earlier.at <= arrival.at).map_or(0, |place| place + 1);
         self.inbox.insert(place, arrival);
     }
 

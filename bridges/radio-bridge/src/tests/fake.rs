@@ -60,11 +60,7 @@ impl FakeVehicle {
     }
 
     pub(super) fn reboot(&mut self, now: Time) {
-        *self = Self {
-            boot: now,
-            next_status: now,
-            ..Self::new(self.id, self.address)
-        };
+        *self = Self { boot: now, next_status: now, ..Self::new(self.id, self.address) };
     }
 
     fn uptime_us(&self, at: Time) -> u64 {
@@ -75,20 +71,12 @@ impl FakeVehicle {
         let (counter, received) = self.command.unwrap_or((0, self.boot));
         Status {
             uptime_us: self.uptime_us(now),
-            mode: if self.began.is_some() {
-                LinkMode::Maneuver
-            } else {
-                LinkMode::Disarmed
-            },
+            mode: if self.began.is_some() { LinkMode::Maneuver } else { LinkMode::Disarmed },
             battery_mv: 11_500,
             set_id: self.active.map_or(0, |set| set.0),
             set_digest: self.active.map_or(0, |set| set.1),
             maneuver_id: self.started.last().copied().unwrap_or(0),
-            maneuver_phase: if self.began.is_some() {
-                LinkPhase::Running
-            } else {
-                LinkPhase::None
-            },
+            maneuver_phase: if self.began.is_some() { LinkPhase::Running } else { LinkPhase::None },
             began_us: self.began.map_or(0, |at| self.uptime_us(at)),
             command_counter: counter,
             command_received_us: self.command.map_or(0, |_| self.uptime_us(received)),
@@ -138,38 +126,23 @@ impl FakeVehicle {
                 self.aborts_heard += 1;
                 None
             }
-            Uplink::Ping { token } => Some(Downlink::Pong {
-                token,
-                received_us: self.uptime_us(now),
-                turnaround_us: 0,
-            }),
+            Uplink::Ping { token } => {
+                Some(Downlink::Pong { token, received_us: self.uptime_us(now), turnaround_us: 0 })
+            }
             Uplink::Stop | Uplink::Rearm => None,
         }
     }
 
     fn reply(&self, set_id: u16) -> Downlink {
-        let reply = UploadReply {
-            set_id,
-            ..UploadReply::default()
-        };
+        let reply = UploadReply { set_id, ..UploadReply::default() };
         Downlink::UploadReply(match (self.active, self.staging) {
-            (Some((active, digest)), _) if active == set_id => UploadReply {
-                state: UploadState::Committed,
-                digest,
-                received_mask: 0x3FF,
-                ..reply
-            },
-            (_, Some((staged, digest, received_mask, _))) if staged == set_id => UploadReply {
-                state: UploadState::Staging,
-                digest,
-                received_mask,
-                ..reply
-            },
-            _ => UploadReply {
-                state: UploadState::Refused,
-                reason: Reason::NotBegun,
-                ..reply
-            },
+            (Some((active, digest)), _) if active == set_id => {
+                UploadReply { state: UploadState::Committed, digest, received_mask: 0x3FF, ..reply }
+            }
+            (_, Some((staged, digest, received_mask, _))) if staged == set_id => {
+                UploadReply { state: UploadState::Staging, digest, received_mask, ..reply }
+            }
+            _ => UploadReply { state: UploadState::Refused, reason: Reason::NotBegun, ..reply },
         })
     }
 }
@@ -236,12 +209,8 @@ impl Hall {
         loop {
             let deadline = self.bridge.deadline().unwrap_or(Time::FAR_FUTURE);
             let flight = self.flying.keys().next().map_or(Time::FAR_FUTURE, |key| key.0);
-            let status = self
-                .vehicles
-                .iter()
-                .map(|vehicle| vehicle.next_status)
-                .min()
-                .unwrap_or(Time::FAR_FUTURE);
+            let status =
+                self.vehicles.iter().map(|vehicle| vehicle.next_status).min().unwrap_or(Time::FAR_FUTURE);
             let next = self.next_input.min(flight).min(status).min(deadline);
             if next >= until {
                 break;
@@ -274,30 +243,17 @@ impl Hall {
 
     pub(super) fn bytes_from_radio(&mut self, now: Time, bytes: &[u8]) {
         let bytes = bytes.try_into().expect("fits");
-        self.input(
-            now,
-            Input::Received(DeviceBytes {
-                port: Ports::DATA_LINK,
-                at: now,
-                bytes,
-            }),
-        );
+        self.input(now, Input::Received(DeviceBytes { port: Ports::DATA_LINK, at: now, bytes }));
     }
 
     /// When events of that name were reported.
     pub(super) fn events_named(&self, name: &str) -> Vec<Time> {
-        self.events
-            .iter()
-            .filter(|event| event.0 == name)
-            .map(|event| event.1)
-            .collect()
+        self.events.iter().filter(|event| event.0 == name).map(|event| event.1).collect()
     }
 
     fn uniform(&mut self) -> f64 {
-        self.noise = self
-            .noise
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.noise =
+            self.noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.noise >> 11) as f64 / (1u64 << 53) as f64
     }
 
@@ -307,11 +263,7 @@ impl Hall {
     }
 
     fn collect(&mut self, now: Time) {
-        let events: Vec<_> = self
-            .out
-            .take_events()
-            .map(|event| (event.name.to_string(), event.at))
-            .collect();
+        let events: Vec<_> = self.out.take_events().map(|event| (event.name.to_string(), event.at)).collect();
         self.events.extend(events);
         let messages: Vec<Output> = self.out.take_messages().collect();
         for message in messages {
@@ -331,19 +283,14 @@ impl Hall {
         if let Some(vehicle) = Ports::vehicle_of_command_link(bytes.port) {
             let frame = sbus::Frame::decode(bytes.bytes[..].try_into().expect("25 bytes")).expect("a frame");
             self.frames.push((vehicle, now, frame.channels));
-            let delay = self
-                .vehicles
-                .iter()
-                .find(|v| v.id == vehicle)
-                .map_or(Span::ZERO, |v| v.command_delay);
+            let delay =
+                self.vehicles.iter().find(|v| v.id == vehicle).map_or(Span::ZERO, |v| v.command_delay);
             self.fly(now + delay, Flight::Command(vehicle, frame.channels));
             return;
         }
         let mut payloads = Vec::new();
         self.radio.receive(&bytes.bytes, |frame| match frame {
-            Frame::Transmit16 {
-                destination, data, ..
-            } => payloads.push((destination, data.to_vec())),
+            Frame::Transmit16 { destination, data, .. } => payloads.push((destination, data.to_vec())),
             other => panic!("the bridge sent {other:?}"),
         });
         for (destination, data) in payloads {
@@ -366,21 +313,15 @@ impl Hall {
         match flight {
             Flight::Command(id, channels) => {
                 let (_, frame) = CommandFrame::decode(&channels).expect("sealed");
-                let vehicle = self
-                    .vehicles
-                    .iter_mut()
-                    .find(|vehicle| vehicle.id == id)
-                    .expect("of the fleet");
+                let vehicle =
+                    self.vehicles.iter_mut().find(|vehicle| vehicle.id == id).expect("of the fleet");
                 if !vehicle.deaf_to_commands {
                     vehicle.command = Some((frame.counter, at));
                 }
             }
             Flight::Up(destination, data) => {
                 let (to, message) = Uplink::decode(&data).expect("sealed");
-                let Some(index) = self
-                    .vehicles
-                    .iter()
-                    .position(|vehicle| vehicle.address == destination)
+                let Some(index) = self.vehicles.iter().position(|vehicle| vehicle.address == destination)
                 else {
                     return;
                 };
@@ -409,12 +350,8 @@ impl Hall {
         let (mut payload, mut line) = ([0; 100], [0; 300]);
         let vehicle = &self.vehicles[index];
         let length = message.encode(vehicle.id, &mut payload).expect("fits");
-        let frame = Frame::Receive16 {
-            source: vehicle.address,
-            rssi: 40,
-            options: 0,
-            data: &payload[..length],
-        };
+        let frame =
+            Frame::Receive16 { source: vehicle.address, rssi: 40, options: 0, data: &payload[..length] };
         let length = frame.encode(ApiMode::Escaped, &mut line).expect("fits");
         if self.uniform() >= self.loss_ratio {
             let at = now + DELAY + self.jitter();

@@ -88,10 +88,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let flown = experiment::learn(&arena, arguments.seed, &mut progress)?;
     let mut report = flown.report;
     report.wall_s = started.elapsed().as_secs_f64();
-    let folder = arguments
-        .out
-        .clone()
-        .unwrap_or_else(|| PathBuf::from("out").join(format!("{}-seed-{}", arguments.scenario, arguments.seed)));
+    let folder = arguments.out.clone().unwrap_or_else(|| {
+        PathBuf::from("out").join(format!("{}-seed-{}", arguments.scenario, arguments.seed))
+    });
     write_results(&folder, &report)?;
     for (stem, svg) in front_door::figures::all(&arena, &report, &flown.side_views)? {
         pictures::write(&folder, &stem, &svg)?;

@@ -64,6 +64,7 @@ impl Failure {
         match self {
             Self::Settings(_) | Self::Usage(_) => ExitCode::from(2),
             Self::Shell(error) => error.exit_code(),
+            Self::Supervisor(error) => error.exit_code(),
             _ => ExitCode::FAILURE,
         }
     }

@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use maneuver::{
-    Discretisation, Envelope, FlipDesign, Infeasible, Model, Parameters, Solution, SolveError, rough_guess, solve,
+    Discretisation, Envelope, FlipDesign, Infeasible, Model, Parameters, Solution, SolveError, rough_guess,
+    solve,
 };
 use serde::Serialize;
 
@@ -18,10 +19,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=10))]
     flips: u8,
     /// Rate of the coast.
-    #[arg(long, value_name = "DEG_S")]
+    #[arg(long, value_name = "DEG_S", allow_negative_numbers = true)]
     rate: f64,
     /// Part of the thrust range kept back at each end.
-    #[arg(long, value_name = "RATIO", default_value_t = 0.125)]
+    #[arg(long, value_name = "RATIO", default_value_t = 0.125, allow_negative_numbers = true)]
     margin: f64,
     /// How the model cuts time.
     #[arg(long, value_enum, default_value = "cont")]
@@ -137,7 +138,9 @@ fn solution_text(solution: &Solution) -> String {
         let [u1, t1, t3, u5, t5] = p.to_array();
         format!("U1 {u1:.5} m/s²  T1 {t1:.5} s  T3 {t3:.5} s  U5 {u5:.5} m/s²  T5 {t5:.5} s")
     };
-    let error = |e: [f64; 5]| format!("x {:+.3e}  z {:+.3e}  vx {:+.3e}  vz {:+.3e}  theta {:+.3e}", e[0], e[1], e[2], e[3], e[4]);
+    let error = |e: [f64; 5]| {
+        format!("x {:+.3e}  z {:+.3e}  vx {:+.3e}  vz {:+.3e}  theta {:+.3e}", e[0], e[1], e[2], e[3], e[4])
+    };
     let _ = writeln!(text, "rough guess   {}", parameters(&solution.rough_guess));
     let _ = writeln!(text, "F(rough)      {}", error(solution.rough_error.to_array()));
     let _ = writeln!(text, "P0            {}", parameters(&solution.parameters));
@@ -149,7 +152,11 @@ fn solution_text(solution: &Solution) -> String {
     }
     let [t1, t2, t3, t4, t5] = solution.durations_s;
     let _ = writeln!(text, "condition     {:.1}", solution.condition);
-    let _ = writeln!(text, "durations     {t1:.4} {t2:.4} {t3:.4} {t4:.4} {t5:.4} s, {:.4} s in all", solution.duration_s());
+    let _ = writeln!(
+        text,
+        "durations     {t1:.4} {t2:.4} {t3:.4} {t4:.4} {t5:.4} s, {:.4} s in all",
+        solution.duration_s()
+    );
     let _ = writeln!(text, "apex          {:.3} m", solution.apex_m);
     text
 }

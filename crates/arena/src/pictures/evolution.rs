@@ -31,7 +31,9 @@ pub fn errors_over_flips(title: &str, vehicle: &VehicleReport) -> Result<String,
                 .label(*name)
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
             chart
-                .draw_series(truth[index].iter().map(|point| Circle::new(*point, 2, colour.mix(0.6).filled())))
+                .draw_series(
+                    truth[index].iter().map(|point| Circle::new(*point, 2, colour.mix(0.6).filled())),
+                )
                 .map_err(refused)?;
         }
         legend(&mut chart)
@@ -83,7 +85,8 @@ fn traces(vehicle: &VehicleReport, of: impl Fn(&FlipReport) -> [f64; 5]) -> [Vec
 }
 
 fn range_of(values: impl Iterator<Item = f64>, least_half: f64) -> Range {
-    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
+    let (low, high) =
+        values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
     if low > high {
         return (-least_half, least_half);
     }
@@ -109,7 +112,12 @@ fn draw(
     Ok(svg)
 }
 
-fn axes<'a, 'b>(area: &'a Area<'b>, what: &str, range: Range, flips: f64) -> Result<Chart<'a, 'b>, PictureError> {
+fn axes<'a, 'b>(
+    area: &'a Area<'b>,
+    what: &str,
+    range: Range,
+    flips: f64,
+) -> Result<Chart<'a, 'b>, PictureError> {
     let mut chart = ChartBuilder::on(area)
         .margin(12)
         .x_label_area_size(42)

@@ -3,7 +3,9 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use quantity::Time;
-use schemas::{FlipPhase, FlipStatus, ManeuverResult, NodeEvent, NodeHealth, OrderKind, VehicleState, topics};
+use schemas::{
+    FlipPhase, FlipStatus, ManeuverResult, NodeEvent, NodeHealth, OrderKind, VehicleState, topics,
+};
 use service_core::{Core, Event, Outbox, Start};
 use settings::{Arena, ConfigError};
 

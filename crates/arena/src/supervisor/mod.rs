@@ -6,12 +6,14 @@ mod processes;
 mod screen;
 
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::Duration;
 
 use quantity::{Span, Time};
 use schemas::OrderKind;
 use service_core::{AnyNode, Node, Published};
 use service_shell::{BusReceiver, BusSender, Listen, Options, Setup, ShellError, clock};
+use settings::Arena;
 use thiserror::Error;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::MissedTickBehavior;
@@ -62,6 +64,18 @@ pub enum SupervisorError {
     },
 }
 
+impl SupervisorError {
+    /// 2 for what was asked wrongly, 1 for what failed.
+    #[must_use]
+    pub fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Shell(error) => error.exit_code(),
+            Self::Settings(_) => ExitCode::from(2),
+            _ => ExitCode::FAILURE,
+        }
+    }
+}
+
 /// How a live arena ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
@@ -104,6 +118,8 @@ pub fn up(plan: &Plan, screen: &mut Screen) -> Result<Ending, SupervisorError> {
 }
 
 fn prepare(plan: &Plan) -> Result<(Setup, Launch), SupervisorError> {
+    // Settings that cannot be used leave no trace: no other arena's run id is overwritten for them.
+    service_core::check_sections(&Arena::load(&plan.options.config, &plan.options.scenario)?)?;
     let logs = plan.folder.join("logs");
     std::fs::create_dir_all(&logs).map_err(|source| SupervisorError::File { path: logs.clone(), source })?;
     let mut options = plan.options.clone();
@@ -182,9 +198,12 @@ impl LiveArena {
         let Self { node, receiver, sender, .. } = self;
         for index in 0..count {
             // What is dropped, the node counts.
-            let _ = node.receive(clock::now(), receiver.datagram(index).bytes, &mut |published: Published<'_>| {
-                sender.send(published.datagram);
-            });
+            let _ =
+                node.receive(clock::now(), receiver.datagram(index).bytes, &mut |published: Published<
+                    '_,
+                >| {
+                    sender.send(published.datagram);
+                });
         }
     }
 

@@ -132,10 +132,9 @@ impl Supervised {
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
         // Ctrl-C at the terminal is for the supervisor alone: it lands first.
         command.process_group(0);
-        let child = command.spawn().map_err(|source| SupervisorError::Process {
-            service: self.service.clone(),
-            source,
-        })?;
+        let child = command
+            .spawn()
+            .map_err(|source| SupervisorError::Process { service: self.service.clone(), source })?;
         self.child = Some(child);
         Ok(())
     }
@@ -143,7 +142,8 @@ impl Supervised {
     /// Asks the process to end.
     pub fn terminate(&mut self) {
         self.standing = Standing::Down;
-        let id = self.process_id().and_then(|id| i32::try_from(id).ok()).and_then(rustix::process::Pid::from_raw);
+        let id =
+            self.process_id().and_then(|id| i32::try_from(id).ok()).and_then(rustix::process::Pid::from_raw);
         if let Some(id) = id {
             // It may have ended by itself in this very moment, which is what is wanted.
             let _ = rustix::process::kill_process(id, rustix::process::Signal::TERM);

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::{IsTerminal as _, Write as _};
 
 use quantity::{Span, Time};
-use schemas::{FlipOutcome, NodeEvent, Severity};
+use schemas::{FlipOutcome, FlipPhase, NodeEvent, Severity};
 
 use super::{Console, Standing, Supervised, VehicleView};
 
@@ -45,7 +45,13 @@ impl Screen {
         let events: Vec<NodeEvent> = console.take_events().collect();
         let mut once = String::new();
         for event in events.iter().filter(|event| event.severity != Severity::Info) {
-            let _ = writeln!(once, "{}: {} ({})", event.node.as_str(), event.name.as_str(), event.detail.as_str());
+            let _ = writeln!(
+                once,
+                "{}: {} ({})",
+                event.node.as_str(),
+                event.name.as_str(),
+                event.detail.as_str()
+            );
         }
         self.note_processes(processes, &mut once);
         for (vehicle, view) in console.vehicles() {
@@ -134,6 +140,24 @@ fn vehicle_line(vehicle: u8, view: &VehicleView) -> String {
         state.position_m.z,
         state.velocity_m_s.norm(),
         view.status.battery_v,
-        if view.status.gate == 0 { String::new() } else { format!("  gate {:#05x}", view.status.gate) },
+        waits_for(view),
     )
+}
+
+/// What the gate waits for, in the order of the bits of `FlipStatus::gate`.
+const GATE_WORDS: [&str; 9] =
+    ["place", "speed", "tilt", "data", "battery", "clearance", "height", "telemetry", "parameters"];
+
+fn waits_for(view: &VehicleView) -> String {
+    // Only on the way to a flip does the gate keep anybody waiting.
+    if !matches!(view.status.phase, FlipPhase::Approach | FlipPhase::Gate) || view.status.gate == 0 {
+        return String::new();
+    }
+    let words: Vec<&str> = GATE_WORDS
+        .iter()
+        .enumerate()
+        .filter(|(bit, _)| view.status.gate & (1 << bit) != 0)
+        .map(|(_, word)| *word)
+        .collect();
+    format!("  waits for {}", words.join(", "))
 }

@@ -58,24 +58,12 @@ struct Scale {
 impl Scale {
     /// From minus to plus `limit`, zero exactly in the middle.
     const fn two_sided(limit: f64) -> Self {
-        Self {
-            low: -limit,
-            high: limit,
-            step: limit / 1023.0,
-            raw_origin: 1024,
-            origin: 0.0,
-        }
+        Self { low: -limit, high: limit, step: limit / 1023.0, raw_origin: 1024, origin: 0.0 }
     }
 
     /// From `low` at raw 0 to `high` at raw 2047.
     const fn range(low: f64, high: f64) -> Self {
-        Self {
-            low,
-            high,
-            step: (high - low) / 2047.0,
-            raw_origin: 0,
-            origin: low,
-        }
+        Self { low, high, step: (high - low) / 2047.0, raw_origin: 0, origin: low }
     }
 
     /// The nearest raw value; what lies outside the range goes to its end.
@@ -223,9 +211,7 @@ impl CommandFrame {
             return Err(LinkError::Checksum { received, computed });
         }
         if channels[14] != LINK_VERSION {
-            return Err(LinkError::Version {
-                received: channels[14],
-            });
+            return Err(LinkError::Version { received: channels[14] });
         }
         let byte = |index: usize, field| {
             u8::try_from(channels[index]).map_err(|_| LinkError::UnknownValue { field })
@@ -299,9 +285,7 @@ mod tests {
     }
 
     /// Worked out with a separate program from the table above and the catalogue's CRC-11/UMTS.
-    const GOLDEN: [u16; 16] = [
-        1109, 845, 837, 1067, 824, 1057, 894, 640, 986, 3, 7, 1, 0, 0, 1, 1296,
-    ];
+    const GOLDEN: [u16; 16] = [1109, 845, 837, 1067, 824, 1057, 894, 640, 986, 3, 7, 1, 0, 0, 1, 1296];
 
     #[test]
     fn golden_channels_both_ways() {
@@ -313,13 +297,8 @@ mod tests {
 
     #[test]
     fn zero_is_exact_and_dead_bytes_are_refused() {
-        let hover = CommandFrame {
-            rate_rad_s: Vector::ZERO,
-            vertical_speed_m_s: 0.0,
-            ..frame()
-        }
-        .quantise()
-        .unwrap();
+        let hover =
+            CommandFrame { rate_rad_s: Vector::ZERO, vertical_speed_m_s: 0.0, ..frame() }.quantise().unwrap();
         assert_eq!(hover.rate_rad_s, Vector::ZERO);
         assert_eq!(hover.vertical_speed_m_s, 0.0);
         for dead in [0, 992, 1024, 2047] {
@@ -340,26 +319,10 @@ mod tests {
 
     #[test]
     fn what_is_no_number_is_not_sent() {
-        let bad = CommandFrame {
-            collective_m_s2: f64::NAN,
-            ..frame()
-        };
+        let bad = CommandFrame { collective_m_s2: f64::NAN, ..frame() };
         assert_eq!(bad.encode(1), Err(LinkError::NotFinite));
-        assert!(
-            CommandFrame {
-                counter: 32,
-                ..frame()
-            }
-            .encode(1)
-            .is_err()
-        );
-        let wild = CommandFrame {
-            collective_m_s2: 1e300,
-            height_m: -50.0,
-            ..frame()
-        }
-        .quantise()
-        .unwrap();
+        assert!(CommandFrame { counter: 32, ..frame() }.encode(1).is_err());
+        let wild = CommandFrame { collective_m_s2: 1e300, height_m: -50.0, ..frame() }.quantise().unwrap();
         assert_eq!((wild.collective_m_s2, wild.height_m), (24.0, -1.0));
     }
 
@@ -368,10 +331,7 @@ mod tests {
         let mut channels = GOLDEN;
         channels[14] = 2;
         channels[15] = crc11(&channels[..15]);
-        assert_eq!(
-            CommandFrame::decode(&channels),
-            Err(LinkError::Version { received: 2 })
-        );
+        assert_eq!(CommandFrame::decode(&channels), Err(LinkError::Version { received: 2 }));
     }
 
     fn rates() -> impl Strategy<Value = f64> {

@@ -124,16 +124,8 @@ macro_rules! from_byte {
     };
 }
 
-from_byte!(
-    FlightMode,
-    "mode",
-    [Disarmed, Flying, Maneuver, LevelHold, Descend, Landed, Stopped]
-);
-from_byte!(
-    ManeuverPhase,
-    "maneuver phase",
-    [None, Running, Completed, Aborted, Refused]
-);
+from_byte!(FlightMode, "mode", [Disarmed, Flying, Maneuver, LevelHold, Descend, Landed, Stopped]);
+from_byte!(ManeuverPhase, "maneuver phase", [None, Running, Completed, Aborted, Refused]);
 from_byte!(UploadState, "upload state", [Staging, Committed, Refused]);
 from_byte!(
     Reason,
@@ -292,18 +284,11 @@ impl Downlink {
         };
         seal(out, kind, vehicle, |writer| match self {
             Self::Status(status) => status.write(writer),
-            Self::Pong {
-                token,
-                received_us,
-                turnaround_us,
-            } => {
+            Self::Pong { token, received_us, turnaround_us } => {
                 writer.u16(*token).u64(*received_us).u32(*turnaround_us);
             }
             Self::UploadReply(reply) => {
-                writer
-                    .u16(reply.set_id)
-                    .u8(reply.state as u8)
-                    .u32(reply.received_mask);
+                writer.u16(reply.set_id).u8(reply.state as u8).u32(reply.received_mask);
                 writer.u64(reply.digest).u8(reply.reason as u8);
             }
         })
@@ -325,30 +310,17 @@ impl Downlink {
     }
 
     fn read_pong(reader: &mut Reader<'_>) -> Option<Self> {
-        Some(Self::Pong {
-            token: reader.u16()?,
-            received_us: reader.u64()?,
-            turnaround_us: reader.u32()?,
-        })
+        Some(Self::Pong { token: reader.u16()?, received_us: reader.u64()?, turnaround_us: reader.u32()? })
     }
 }
 
 impl Status {
     fn write(&self, writer: &mut Writer<'_>) {
-        writer
-            .u64(self.uptime_us)
-            .u8(self.mode as u8)
-            .u16(self.battery_mv);
+        writer.u64(self.uptime_us).u8(self.mode as u8).u16(self.battery_mv);
         writer.u16(self.set_id).u64(self.set_digest);
-        writer
-            .u16(self.maneuver_id)
-            .u8(self.maneuver_phase as u8)
-            .u8(self.reason as u8);
+        writer.u16(self.maneuver_id).u8(self.maneuver_phase as u8).u8(self.reason as u8);
         writer.u64(self.began_us).u64(self.ended_us);
-        writer
-            .u16(self.command_age_ms)
-            .u8(self.command_counter)
-            .u64(self.command_received_us);
+        writer.u16(self.command_age_ms).u8(self.command_counter).u64(self.command_received_us);
         writer.u8(self.flags.bits());
     }
 
@@ -442,11 +414,7 @@ mod tests {
             digest,
             reason: Reason::DigestMismatch,
         };
-        let pong = Downlink::Pong {
-            token: 0xBEEF,
-            received_us: 12_000_000,
-            turnaround_us: 1_250,
-        };
+        let pong = Downlink::Pong { token: 0xBEEF, received_us: 12_000_000, turnaround_us: 1_250 };
         let golden = [
             (
                 Downlink::Status(status),
@@ -454,10 +422,7 @@ mod tests {
                  0065001fc6d6ba0000000000525890",
             ),
             (pong, "8203efbe001bb70000000000e204000047de"),
-            (
-                Downlink::UploadReply(reply),
-                "8303010202ff030000887766554433221121b193",
-            ),
+            (Downlink::UploadReply(reply), "8303010202ff030000887766554433221121b193"),
         ];
         for (message, hex) in golden {
             let bytes = crate::bytes::from_hex(hex);
@@ -473,17 +438,12 @@ mod tests {
         let end = bytes.len() - 2;
         let check = crate::crc::crc16(&bytes[..end]).to_le_bytes();
         bytes[end..].copy_from_slice(&check);
-        assert_eq!(
-            Downlink::decode(&bytes),
-            Err(LinkError::UnknownValue { field: "mode" })
-        );
+        assert_eq!(Downlink::decode(&bytes), Err(LinkError::UnknownValue { field: "mode" }));
     }
 
     #[test]
     fn bytes_and_reasons_agree() {
-        let known: Vec<u8> = (0..=255u8)
-            .filter(|byte| Reason::from_byte(*byte).is_ok())
-            .collect();
+        let known: Vec<u8> = (0..=255u8).filter(|byte| Reason::from_byte(*byte).is_ok()).collect();
         assert_eq!(known, (0..10).chain(16..22).chain(32..35).collect::<Vec<u8>>());
         for byte in known {
             assert_eq!(Reason::from_byte(byte).map(|reason| reason as u8), Ok(byte));
@@ -492,12 +452,7 @@ mod tests {
 
     fn any_downlink() -> impl Strategy<Value = Downlink> {
         prop_oneof![
-            any::<(
-                (u64, u16, u16, u64, u16),
-                (u64, u64, u16, u8, u64, u8),
-                (u8, u8, u8)
-            )>()
-            .prop_map(
+            any::<((u64, u16, u16, u64, u16), (u64, u64, u16, u8, u64, u8), (u8, u8, u8))>().prop_map(
                 |(
                     (uptime_us, battery_mv, set_id, set_digest, maneuver_id),
                     (began_us, ended_us, command_age_ms, command_counter, command_received_us, flags),

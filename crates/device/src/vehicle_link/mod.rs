@@ -76,10 +76,7 @@ impl fmt::Display for LinkError {
                 write!(f, "checksum received {received:04X}, computed {computed:04X}")
             }
             Self::Version { received } => {
-                write!(
-                    f,
-                    "channel map version {received}, this side speaks {LINK_VERSION}"
-                )
+                write!(f, "channel map version {received}, this side speaks {LINK_VERSION}")
             }
             Self::Channel { index } => write!(f, "channel {index} above {CHANNEL_MAX}"),
             Self::UnknownType(kind) => write!(f, "no message of type {kind:02X}"),

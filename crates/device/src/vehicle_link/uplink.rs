@@ -37,12 +37,7 @@ impl Items {
     /// set's end.
     #[must_use]
     pub fn new(set_id: u16, first_index: u8, values: &[f32]) -> Option<Self> {
-        let mut items = Self {
-            set_id,
-            first_index,
-            count: 0,
-            values: [0.0; ITEMS_PER_PAYLOAD_MAX],
-        };
+        let mut items = Self { set_id, first_index, count: 0, values: [0.0; ITEMS_PER_PAYLOAD_MAX] };
         if values.is_empty() || usize::from(first_index) + values.len() > SET_LEN_MAX {
             return None;
         }
@@ -114,17 +109,8 @@ impl Uplink {
         values[..items.len()].copy_from_slice(&items);
         let count = items.len() as u8;
         [
-            Self::Begin {
-                set_id,
-                count,
-                digest,
-            },
-            Self::Items(Items {
-                set_id,
-                first_index: 0,
-                count,
-                values,
-            }),
+            Self::Begin { set_id, count, digest },
+            Self::Items(Items { set_id, first_index: 0, count, values }),
             Self::Commit { set_id, digest },
         ]
     }
@@ -150,11 +136,7 @@ impl Uplink {
 
     fn write(&self, writer: &mut Writer<'_>) {
         match *self {
-            Self::Begin {
-                set_id,
-                count,
-                digest,
-            } => {
+            Self::Begin { set_id, count, digest } => {
                 writer.u16(set_id).u8(count).u64(digest);
             }
             Self::Items(items) => {
@@ -166,11 +148,7 @@ impl Uplink {
             Self::Commit { set_id, digest } => {
                 writer.u16(set_id).u64(digest);
             }
-            Self::Start {
-                maneuver_id,
-                set_id,
-                digest,
-            } => {
+            Self::Start { maneuver_id, set_id, digest } => {
                 writer.u16(maneuver_id).u16(set_id).u64(digest);
             }
             Self::Abort { maneuver_id } => {
@@ -211,26 +189,15 @@ impl Uplink {
     }
 
     fn read_begin(reader: &mut Reader<'_>) -> Option<Self> {
-        Some(Self::Begin {
-            set_id: reader.u16()?,
-            count: reader.u8()?,
-            digest: reader.u64()?,
-        })
+        Some(Self::Begin { set_id: reader.u16()?, count: reader.u8()?, digest: reader.u64()? })
     }
 
     fn read_commit(reader: &mut Reader<'_>) -> Option<Self> {
-        Some(Self::Commit {
-            set_id: reader.u16()?,
-            digest: reader.u64()?,
-        })
+        Some(Self::Commit { set_id: reader.u16()?, digest: reader.u64()? })
     }
 
     fn read_start(reader: &mut Reader<'_>) -> Option<Self> {
-        Some(Self::Start {
-            maneuver_id: reader.u16()?,
-            set_id: reader.u16()?,
-            digest: reader.u64()?,
-        })
+        Some(Self::Start { maneuver_id: reader.u16()?, set_id: reader.u16()?, digest: reader.u64()? })
     }
 
     fn read_items(reader: &mut Reader<'_>) -> Result<Option<Self>, LinkError> {
@@ -240,9 +207,7 @@ impl Uplink {
         let mut values = [0.0; ITEMS_PER_PAYLOAD_MAX];
         let wanted = values
             .get_mut(..usize::from(count))
-            .ok_or(LinkError::UnknownValue {
-                field: "number of items",
-            })?;
+            .ok_or(LinkError::UnknownValue { field: "number of items" })?;
         for value in &mut *wanted {
             match reader.f32() {
                 Some(read) => *value = read,
@@ -251,9 +216,7 @@ impl Uplink {
         }
         Items::new(set_id, first_index, wanted)
             .map(|items| Some(Self::Items(items)))
-            .ok_or(LinkError::UnknownValue {
-                field: "index of items",
-            })
+            .ok_or(LinkError::UnknownValue { field: "index of items" })
     }
 }
 
@@ -297,30 +260,10 @@ mod tests {
     fn golden_payloads_both_ways() {
         let digest = 0x1122_3344_5566_7788;
         let golden = [
-            (
-                Uplink::Begin {
-                    set_id: 513,
-                    count: 10,
-                    digest,
-                },
-                "010301020a88776655443322114541",
-            ),
-            (
-                Uplink::Items(Items::new(513, 4, &[0.5, -2.0]).unwrap()),
-                "0203010204020000003f000000c0c2e8",
-            ),
-            (
-                Uplink::Commit { set_id: 513, digest },
-                "0303010288776655443322115090",
-            ),
-            (
-                Uplink::Start {
-                    maneuver_id: 7,
-                    set_id: 513,
-                    digest,
-                },
-                "0403070001028877665544332211edfa",
-            ),
+            (Uplink::Begin { set_id: 513, count: 10, digest }, "010301020a88776655443322114541"),
+            (Uplink::Items(Items::new(513, 4, &[0.5, -2.0]).unwrap()), "0203010204020000003f000000c0c2e8"),
+            (Uplink::Commit { set_id: 513, digest }, "0303010288776655443322115090"),
+            (Uplink::Start { maneuver_id: 7, set_id: 513, digest }, "0403070001028877665544332211edfa"),
             (Uplink::Abort { maneuver_id: 7 }, "0503070042f8"),
             (Uplink::Ping { token: 0xBEEF }, "0603efbe90bc"),
             (Uplink::Stop, "0703fbb4"),
@@ -339,27 +282,14 @@ mod tests {
         assert_eq!(Items::new(1, 31, &[1.0, 2.0]), None);
         assert_eq!(Items::new(1, 0, &[1.0; ITEMS_PER_PAYLOAD_MAX + 1]), None);
         for count in [0, 33] {
-            let bytes = encoded(
-                &Uplink::Begin {
-                    set_id: 1,
-                    count,
-                    digest: 2,
-                },
-                1,
-            );
-            assert_eq!(
-                Uplink::decode(&bytes),
-                Err(LinkError::UnknownValue { field: "count" })
-            );
+            let bytes = encoded(&Uplink::Begin { set_id: 1, count, digest: 2 }, 1);
+            assert_eq!(Uplink::decode(&bytes), Err(LinkError::UnknownValue { field: "count" }));
         }
     }
 
     #[test]
     fn a_short_buffer_is_an_error() {
-        assert_eq!(
-            Uplink::Ping { token: 1 }.encode(1, &mut [0; 5]),
-            Err(LinkError::NoRoom)
-        );
+        assert_eq!(Uplink::Ping { token: 1 }.encode(1, &mut [0; 5]), Err(LinkError::NoRoom));
     }
 
     proptest! {

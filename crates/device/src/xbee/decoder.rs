@@ -41,20 +41,8 @@ impl Decoder {
     /// A decoder that has seen nothing.
     #[must_use]
     pub const fn new(mode: ApiMode) -> Self {
-        let errors = DecoderErrors {
-            checksum: 0,
-            length: 0,
-            cut: 0,
-            truncated: 0,
-            skipped_bytes: 0,
-        };
-        Self {
-            mode,
-            escaped: false,
-            buffer: [0; CAPACITY],
-            length: 0,
-            errors,
-        }
+        let errors = DecoderErrors { checksum: 0, length: 0, cut: 0, truncated: 0, skipped_bytes: 0 };
+        Self { mode, escaped: false, buffer: [0; CAPACITY], length: 0, errors }
     }
 
     /// What was found wrong so far.
@@ -122,11 +110,7 @@ impl Decoder {
         }
         let frame_data = rest.get(..wanted)?;
         let checksum = rest.get(wanted)?;
-        if frame_data
-            .iter()
-            .fold(*checksum, |sum, byte| sum.wrapping_add(*byte))
-            != 0xFF
-        {
+        if frame_data.iter().fold(*checksum, |sum, byte| sum.wrapping_add(*byte)) != 0xFF {
             self.errors.checksum += 1;
             self.errors.skipped_bytes += 1;
             return Some(1);
@@ -142,10 +126,7 @@ impl Decoder {
     fn drop_to_delimiter(&mut self, used: usize) {
         let rest = &self.buffer[used.min(self.length)..self.length];
         let skipped = match self.mode {
-            ApiMode::Plain => rest
-                .iter()
-                .position(|byte| *byte == DELIMITER)
-                .unwrap_or(rest.len()),
+            ApiMode::Plain => rest.iter().position(|byte| *byte == DELIMITER).unwrap_or(rest.len()),
             // An escaped 7E inside a broken frame is no delimiter: only the line's own next one is.
             ApiMode::Escaped => rest.len(),
         };
@@ -186,34 +167,18 @@ mod tests {
     fn check(frame: Frame<'_>, mode: ApiMode, hex: &str) {
         let line = from_hex(hex);
         assert_eq!(encoded(frame, mode), line);
-        assert_eq!(
-            frames(mode, &line),
-            (std::vec![describe(frame)], DecoderErrors::default())
-        );
+        assert_eq!(frames(mode, &line), (std::vec![describe(frame)], DecoderErrors::default()));
     }
 
     #[test]
     fn golden_frames_both_ways() {
-        let example = Frame::Other {
-            id: 0x23,
-            data: &[0x11],
-        };
+        let example = Frame::Other { id: 0x23, data: &[0x11] };
         check(example, ApiMode::Plain, "7E0002 23 11 CB");
         check(example, ApiMode::Escaped, "7E0002 23 7D31 CB");
         for mode in [ApiMode::Plain, ApiMode::Escaped] {
-            let transmit = Frame::Transmit16 {
-                frame_id: 1,
-                destination: 0x5001,
-                options: 0,
-                data: b"Hi",
-            };
+            let transmit = Frame::Transmit16 { frame_id: 1, destination: 0x5001, options: 0, data: b"Hi" };
             check(transmit, mode, "7E0007 01 01 5001 00 4869 FB");
-            let receive = Frame::Receive16 {
-                source: 0x5001,
-                rssi: 40,
-                options: 0,
-                data: b"Hi",
-            };
+            let receive = Frame::Receive16 { source: 0x5001, rssi: 40, options: 0, data: b"Hi" };
             check(receive, mode, "7E0007 81 5001 28 00 4869 54");
             let mesh = Frame::TransmitMesh {
                 frame_id: 1,
@@ -234,45 +199,15 @@ mod tests {
     #[test]
     fn further_frames_both_ways() {
         // By hand from the layout table; the checksum is FF minus the sum of what stands between.
-        let status = Frame::TransmitStatus {
-            frame_id: 5,
-            result: TransmitResult::NoAck,
-        };
+        let status = Frame::TransmitStatus { frame_id: 5, result: TransmitResult::NoAck };
         check(status, ApiMode::Escaped, "7E0003 89 05 01 70");
-        check(
-            Frame::ModemStatus { status: 6 },
-            ApiMode::Escaped,
-            "7E0002 8A 06 6F",
-        );
+        check(Frame::ModemStatus { status: 6 }, ApiMode::Escaped, "7E0002 8A 06 6F");
         let destination = 0x0102_0304_0506_0708;
-        let transmit = Frame::Transmit64 {
-            frame_id: 2,
-            destination,
-            options: 4,
-            data: &[0x7E],
-        };
-        check(
-            transmit,
-            ApiMode::Escaped,
-            "7E000C 00 02 0102030405060708 04 7D5E 57",
-        );
-        let receive = Frame::Receive64 {
-            source: destination,
-            rssi: 0x21,
-            options: 2,
-            data: &[9],
-        };
-        check(
-            receive,
-            ApiMode::Escaped,
-            "7E000C 80 0102030405060708 21 02 09 2F",
-        );
-        let mesh = Frame::ReceiveMesh {
-            source: destination,
-            source_short: 0xFFFE,
-            options: 1,
-            data: &[9],
-        };
+        let transmit = Frame::Transmit64 { frame_id: 2, destination, options: 4, data: &[0x7E] };
+        check(transmit, ApiMode::Escaped, "7E000C 00 02 0102030405060708 04 7D5E 57");
+        let receive = Frame::Receive64 { source: destination, rssi: 0x21, options: 2, data: &[9] };
+        check(receive, ApiMode::Escaped, "7E000C 80 0102030405060708 21 02 09 2F");
+        let mesh = Frame::ReceiveMesh { source: destination, source_short: 0xFFFE, options: 1, data: &[9] };
         check(mesh, ApiMode::Escaped, "7E000D 90 0102030405060708 FFFE 01 09 44");
     }
 
@@ -307,16 +242,8 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_an_error() {
-        let frame = Frame::Transmit16 {
-            frame_id: 1,
-            destination: 1,
-            options: 0,
-            data: &[0; 300],
-        };
-        assert_eq!(
-            frame.encode(ApiMode::Plain, &mut [0; 400]),
-            Err(XbeeError::TooLong { bytes: 305 })
-        );
+        let frame = Frame::Transmit16 { frame_id: 1, destination: 1, options: 0, data: &[0; 300] };
+        assert_eq!(frame.encode(ApiMode::Plain, &mut [0; 400]), Err(XbeeError::TooLong { bytes: 305 }));
         let frame = Frame::ModemStatus { status: 0 };
         assert_eq!(frame.encode(ApiMode::Plain, &mut [0; 5]), Err(XbeeError::NoRoom));
         assert_eq!(Frame::decode(&[]), Err(XbeeError::Empty));

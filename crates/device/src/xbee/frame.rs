@@ -179,65 +179,30 @@ impl<'a> Frame<'a> {
         Some(match id {
             0x00 => {
                 let (frame_id, destination, options) = (f.u8()?, f.u64()?, f.u8()?);
-                Self::Transmit64 {
-                    frame_id,
-                    destination,
-                    options,
-                    data: f.0,
-                }
+                Self::Transmit64 { frame_id, destination, options, data: f.0 }
             }
             0x01 => {
                 let (frame_id, destination, options) = (f.u8()?, f.u16()?, f.u8()?);
-                Self::Transmit16 {
-                    frame_id,
-                    destination,
-                    options,
-                    data: f.0,
-                }
+                Self::Transmit16 { frame_id, destination, options, data: f.0 }
             }
             0x10 => {
                 let (frame_id, destination, destination_short) = (f.u8()?, f.u64()?, f.u16()?);
                 let (radius, options) = (f.u8()?, f.u8()?);
-                Self::TransmitMesh {
-                    frame_id,
-                    destination,
-                    destination_short,
-                    radius,
-                    options,
-                    data: f.0,
-                }
+                Self::TransmitMesh { frame_id, destination, destination_short, radius, options, data: f.0 }
             }
             0x80 => {
                 let (source, rssi, options) = (f.u64()?, f.u8()?, f.u8()?);
-                Self::Receive64 {
-                    source,
-                    rssi,
-                    options,
-                    data: f.0,
-                }
+                Self::Receive64 { source, rssi, options, data: f.0 }
             }
             0x81 => {
                 let (source, rssi, options) = (f.u16()?, f.u8()?, f.u8()?);
-                Self::Receive16 {
-                    source,
-                    rssi,
-                    options,
-                    data: f.0,
-                }
+                Self::Receive16 { source, rssi, options, data: f.0 }
             }
-            0x89 => Self::TransmitStatus {
-                frame_id: f.u8()?,
-                result: TransmitResult::from_byte(f.u8()?),
-            },
+            0x89 => Self::TransmitStatus { frame_id: f.u8()?, result: TransmitResult::from_byte(f.u8()?) },
             0x8A => Self::ModemStatus { status: f.u8()? },
             0x90 => {
                 let (source, source_short, options) = (f.u64()?, f.u16()?, f.u8()?);
-                Self::ReceiveMesh {
-                    source,
-                    source_short,
-                    options,
-                    data: f.0,
-                }
+                Self::ReceiveMesh { source, source_short, options, data: f.0 }
             }
             id => Self::Other { id, data: f.0 },
         })
@@ -249,10 +214,7 @@ impl<'a> Frame<'a> {
     /// [`XbeeError::TooLong`] or [`XbeeError::NoRoom`]; a buffer of twice the frame's length and four is
     /// always enough.
     pub fn encode(&self, mode: ApiMode, out: &mut [u8]) -> Result<usize, XbeeError> {
-        let mut data = Collected {
-            bytes: [0; FRAME_DATA_BYTES_MAX],
-            length: 0,
-        };
+        let mut data = Collected { bytes: [0; FRAME_DATA_BYTES_MAX], length: 0 };
         self.write(&mut data);
         let too_long = XbeeError::TooLong { bytes: data.length };
         let frame_data = data.bytes.get(..data.length).ok_or(too_long)?;
@@ -268,62 +230,21 @@ impl<'a> Frame<'a> {
 
     fn write(&self, out: &mut Collected) {
         match *self {
-            Self::Transmit64 {
-                frame_id,
-                destination,
-                options,
-                data,
-            } => {
-                out.put(&[0x00, frame_id])
-                    .put(&destination.to_be_bytes())
-                    .put(&[options])
-                    .put(data);
+            Self::Transmit64 { frame_id, destination, options, data } => {
+                out.put(&[0x00, frame_id]).put(&destination.to_be_bytes()).put(&[options]).put(data);
             }
-            Self::Transmit16 {
-                frame_id,
-                destination,
-                options,
-                data,
-            } => {
-                out.put(&[0x01, frame_id])
-                    .put(&destination.to_be_bytes())
-                    .put(&[options])
-                    .put(data);
+            Self::Transmit16 { frame_id, destination, options, data } => {
+                out.put(&[0x01, frame_id]).put(&destination.to_be_bytes()).put(&[options]).put(data);
             }
-            Self::TransmitMesh {
-                frame_id,
-                destination,
-                destination_short,
-                radius,
-                options,
-                data,
-            } => {
+            Self::TransmitMesh { frame_id, destination, destination_short, radius, options, data } => {
                 out.put(&[0x10, frame_id]).put(&destination.to_be_bytes());
-                out.put(&destination_short.to_be_bytes())
-                    .put(&[radius, options])
-                    .put(data);
+                out.put(&destination_short.to_be_bytes()).put(&[radius, options]).put(data);
             }
-            Self::Receive64 {
-                source,
-                rssi,
-                options,
-                data,
-            } => {
-                out.put(&[0x80])
-                    .put(&source.to_be_bytes())
-                    .put(&[rssi, options])
-                    .put(data);
+            Self::Receive64 { source, rssi, options, data } => {
+                out.put(&[0x80]).put(&source.to_be_bytes()).put(&[rssi, options]).put(data);
             }
-            Self::Receive16 {
-                source,
-                rssi,
-                options,
-                data,
-            } => {
-                out.put(&[0x81])
-                    .put(&source.to_be_bytes())
-                    .put(&[rssi, options])
-                    .put(data);
+            Self::Receive16 { source, rssi, options, data } => {
+                out.put(&[0x81]).put(&source.to_be_bytes()).put(&[rssi, options]).put(data);
             }
             Self::TransmitStatus { frame_id, result } => {
                 out.put(&[0x89, frame_id, result.to_byte()]);
@@ -331,15 +252,8 @@ impl<'a> Frame<'a> {
             Self::ModemStatus { status } => {
                 out.put(&[0x8A, status]);
             }
-            Self::ReceiveMesh {
-                source,
-                source_short,
-                options,
-                data,
-            } => {
-                out.put(&[0x90])
-                    .put(&source.to_be_bytes())
-                    .put(&source_short.to_be_bytes());
+            Self::ReceiveMesh { source, source_short, options, data } => {
+                out.put(&[0x90]).put(&source.to_be_bytes()).put(&source_short.to_be_bytes());
                 out.put(&[options]).put(data);
             }
             Self::Other { id, data } => {
@@ -357,11 +271,7 @@ struct Collected {
 
 impl Collected {
     fn put(&mut self, bytes: &[u8]) -> &mut Self {
-        if let Some(place) = self
-            .bytes
-            .get_mut(self.length..)
-            .and_then(|free| free.get_mut(..bytes.len()))
-        {
+        if let Some(place) = self.bytes.get_mut(self.length..).and_then(|free| free.get_mut(..bytes.len())) {
             place.copy_from_slice(bytes);
         }
         self.length += bytes.len();

@@ -57,24 +57,12 @@ const PUBLISHED: [Published; 3] = [
 #[test]
 fn the_three_published_flips_come_out() {
     for published in &PUBLISHED {
-        let Published {
-            flips, rate_deg_s, ..
-        } = *published;
+        let Published { flips, rate_deg_s, .. } = *published;
         let solution = solved(flips, rate_deg_s, Discretisation::Continuous);
         let guess = solution.rough_guess;
         assert_eq!((guess.u1_m_s2, guess.t1_s), (guess.u5_m_s2, guess.t5_s));
-        assert_prints(
-            "guess",
-            &[guess.u1_m_s2, guess.t1_s, guess.t3_s],
-            &published.rough_guess,
-            5,
-        );
-        assert_prints(
-            "F(guess)",
-            &solution.rough_error.to_array(),
-            &published.rough_error,
-            3,
-        );
+        assert_prints("guess", &[guess.u1_m_s2, guess.t1_s, guess.t3_s], &published.rough_guess, 5);
+        assert_prints("F(guess)", &solution.rough_error.to_array(), &published.rough_error, 3);
         assert_prints("P0", &solution.parameters.to_array(), &published.parameters, 5);
         assert_prints("total", &[solution.duration_s()], &[published.duration_s], 4);
         assert_prints("apex", &[solution.apex_m], &[published.apex_m], 3);
@@ -97,10 +85,7 @@ fn the_published_jacobian_comes_out() {
     for (row, (computed, published)) in solution.jacobian.iter().zip(&published).enumerate() {
         for (column, (computed, published)) in computed.iter().zip(published).enumerate() {
             let apart = (computed - published).abs();
-            assert!(
-                apart <= allowed,
-                "J[{row}][{column}]: computed {computed}, printed {published}"
-            );
+            assert!(apart <= allowed, "J[{row}][{column}]: computed {computed}, printed {published}");
         }
     }
 }
@@ -128,10 +113,7 @@ fn every_double_and_triple_solves_inside_the_envelope() {
                     assert!(collective >= design.envelope.middle_m_s2(), "{what}");
                     assert!(collective <= design.envelope.high_m_s2, "{what}");
                 }
-                assert!(
-                    solution.durations_s.iter().all(|duration| *duration > 0.0),
-                    "{what}"
-                );
+                assert!(solution.durations_s.iter().all(|duration| *duration > 0.0), "{what}");
             }
         }
     }
@@ -146,24 +128,12 @@ fn the_jacobian_predicts_what_a_change_of_parameters_does() {
     for (value, change) in parameters.iter_mut().zip(change) {
         *value += change;
     }
-    let error = final_error(
-        &Model::TABLE_I,
-        &design,
-        &parameters.into(),
-        Discretisation::Continuous,
-    );
+    let error = final_error(&Model::TABLE_I, &design, &parameters.into(), Discretisation::Continuous);
     let error = error.expect("still a flip").to_array();
     for (row, error) in solution.jacobian.iter().zip(error) {
         let predicted: f64 = row.iter().zip(change).map(|(slope, change)| slope * change).sum();
-        let size: f64 = row
-            .iter()
-            .zip(change)
-            .map(|(slope, change)| (slope * change).abs())
-            .sum();
-        assert!(
-            (error - predicted).abs() < 0.02 * size,
-            "predicted {predicted}, computed {error}"
-        );
+        let size: f64 = row.iter().zip(change).map(|(slope, change)| (slope * change).abs()).sum();
+        assert!((error - predicted).abs() < 0.02 * size, "predicted {predicted}, computed {error}");
     }
 }
 
@@ -172,36 +142,19 @@ fn the_trajectory_begins_at_hover_and_ends_with_the_final_error() {
     let design = design(2, 1600.0, Envelope::MARGIN);
     let solution = solved(2, 1600.0, Discretisation::Continuous);
     let parameters = solution.parameters;
-    for discretisation in [
-        Discretisation::Continuous,
-        Discretisation::Average800,
-        Discretisation::Hold800,
-    ] {
+    for discretisation in [Discretisation::Continuous, Discretisation::Average800, Discretisation::Hold800] {
         let mut samples = Vec::new();
-        let error = trajectory(
-            &Model::TABLE_I,
-            &design,
-            &parameters,
-            discretisation,
-            |t_s, state| {
-                samples.push((t_s, state));
-            },
-        );
+        let error = trajectory(&Model::TABLE_I, &design, &parameters, discretisation, |t_s, state| {
+            samples.push((t_s, state));
+        });
         let error = error.expect("a flip");
         let (first, last) = (samples[0], samples[samples.len() - 1]);
         assert_eq!((first.0, first.1.x_m, first.1.rate_rad_s), (0.0, 0.0, 0.0));
         assert_eq!(first.1.thrust_a_n, Model::TABLE_I.hover_thrust_n());
-        assert!(
-            (last.0 - solution.duration_s()).abs() < 1e-9,
-            "{discretisation:?} ends at {}",
-            last.0
-        );
+        assert!((last.0 - solution.duration_s()).abs() < 1e-9, "{discretisation:?} ends at {}", last.0);
         assert_eq!(last.1.z_m, error.z_m);
         assert_eq!(last.1.theta_rad - design.turn_rad(), error.theta_rad);
-        assert!(
-            samples.windows(2).all(|pair| pair[1].0 > pair[0].0),
-            "time goes on"
-        );
+        assert!(samples.windows(2).all(|pair| pair[1].0 > pair[0].0), "time goes on");
         let apex = apex_m(&Model::TABLE_I, &design, &parameters, discretisation).expect("a flip");
         assert!((apex - solution.apex_m).abs() < 0.02);
     }
@@ -212,20 +165,10 @@ fn the_rate_overshoots_as_the_paper_s_gains_make_it() {
     let design = design(2, 1600.0, Envelope::MARGIN);
     let parameters = solved(2, 1600.0, Discretisation::Continuous).parameters;
     let mut peak_rad_s: f64 = 0.0;
-    trajectory(
-        &Model::TABLE_I,
-        &design,
-        &parameters,
-        Discretisation::Continuous,
-        |_, state| {
-            peak_rad_s = peak_rad_s.max(state.rate_rad_s);
-        },
-    )
+    trajectory(&Model::TABLE_I, &design, &parameters, Discretisation::Continuous, |_, state| {
+        peak_rad_s = peak_rad_s.max(state.rate_rad_s);
+    })
     .expect("a flip");
     // The rate loop rings: 18 to 37 % beyond the command, near 1950 deg/s here.
-    assert!(
-        (1930.0..1980.0).contains(&peak_rad_s.to_degrees()),
-        "{}",
-        peak_rad_s.to_degrees()
-    );
+    assert!((1930.0..1980.0).contains(&peak_rad_s.to_degrees()), "{}", peak_rad_s.to_degrees());
 }

@@ -15,54 +15,29 @@ fn infeasible(flips: u8, rate_deg_s: f64, margin: f64) -> Infeasible {
 
 #[test]
 fn one_fast_flip_does_not_fit_and_the_least_residuals_are_the_published_ones() {
-    assert_prints(
-        "1600 deg/s",
-        &[infeasible(1, 1600.0, Envelope::MARGIN).least_residual],
-        &[0.20],
-        2,
-    );
-    assert_prints(
-        "1800 deg/s",
-        &[infeasible(1, 1800.0, Envelope::MARGIN).least_residual],
-        &[0.18],
-        2,
-    );
+    assert_prints("1600 deg/s", &[infeasible(1, 1600.0, Envelope::MARGIN).least_residual], &[0.20], 2);
+    assert_prints("1800 deg/s", &[infeasible(1, 1800.0, Envelope::MARGIN).least_residual], &[0.18], 2);
 }
 
 #[test]
 fn the_reported_residual_is_that_of_the_reported_parameters() {
     let infeasible = infeasible(1, 1600.0, Envelope::MARGIN);
     let design = design(1, 1600.0, Envelope::MARGIN);
-    let error = final_error(
-        &Model::TABLE_I,
-        &design,
-        &infeasible.parameters,
-        Discretisation::Continuous,
-    )
-    .expect("a flip");
+    let error = final_error(&Model::TABLE_I, &design, &infeasible.parameters, Discretisation::Continuous)
+        .expect("a flip");
     assert_eq!(error.norm(), infeasible.least_residual);
     assert!(infeasible.parameters.u5_m_s2 <= design.envelope.high_m_s2);
 }
 
 #[test]
 fn without_a_margin_u5_is_stopped_by_the_envelope() {
-    for (flips, rate_deg_s, margin) in [
-        (2, 1400.0, 0.0),
-        (3, 1600.0, 0.0),
-        (2, 1400.0, 0.05),
-        (3, 1600.0, 0.05),
-    ] {
+    for (flips, rate_deg_s, margin) in
+        [(2, 1400.0, 0.0), (3, 1600.0, 0.0), (2, 1400.0, 0.05), (3, 1600.0, 0.05)]
+    {
         let infeasible = infeasible(flips, rate_deg_s, margin);
-        assert!(
-            infeasible.limits.high(3),
-            "{flips} {rate_deg_s} {margin}: {}",
-            infeasible.limits
-        );
+        assert!(infeasible.limits.high(3), "{flips} {rate_deg_s} {margin}: {}", infeasible.limits);
         assert!(infeasible.least_residual > 1e-3);
-        assert!(
-            infeasible.to_string().contains("U5 at its upper bound"),
-            "{infeasible}"
-        );
+        assert!(infeasible.to_string().contains("U5 at its upper bound"), "{infeasible}");
     }
 }
 
@@ -76,10 +51,7 @@ fn a_sampled_collective_is_refused() {
 #[test]
 fn the_conditional_integral_solves_too_and_overshoots_less() {
     let literal = Model::TABLE_I;
-    let conditional = Model {
-        integral: Integral::Conditional,
-        ..literal
-    };
+    let conditional = Model { integral: Integral::Conditional, ..literal };
     for (flips, rate_deg_s) in [(1, 1000.0), (2, 1300.0), (2, 1600.0), (3, 1600.0), (3, 1800.0)] {
         let design = design(flips, rate_deg_s, Envelope::MARGIN);
         let peak = |model: &Model| {

@@ -10,11 +10,7 @@ use maneuver::{Envelope, FlipDesign, Model};
 /// A design on the paper's vehicle.
 fn design(flips: u8, rate_deg_s: f64, margin: f64) -> FlipDesign {
     let envelope = Envelope::with_margin(&Model::TABLE_I, margin).expect("a margin below one half");
-    FlipDesign {
-        flips,
-        rate_rad_s_max: rate_deg_s.to_radians(),
-        envelope,
-    }
+    FlipDesign { flips, rate_rad_s_max: rate_deg_s.to_radians(), envelope }
 }
 
 /// Fails unless every number equals its printed figure to half of the last printed digit.

@@ -25,11 +25,7 @@ fn flyable_parameters() -> impl Strategy<Value = Parameters> {
 }
 
 fn primitive(parameters: &Parameters) -> Result<Primitive, PrimitiveError> {
-    Primitive::new(
-        &design(2, 1600.0, Envelope::MARGIN),
-        Model::TABLE_I.alpha_l_m(),
-        parameters,
-    )
+    Primitive::new(&design(2, 1600.0, Envelope::MARGIN), Model::TABLE_I.alpha_l_m(), parameters)
 }
 
 proptest! {
@@ -141,82 +137,37 @@ fn what_is_impossible_is_named() {
         primitive(&parameters.into())
     };
     assert!(primitive(&good.into()).is_ok());
-    assert!(matches!(
-        with(0, f64::NAN),
-        Err(PrimitiveError::NotFinite { quantity: "U1", .. })
-    ));
-    assert!(matches!(
-        with(1, -0.1),
-        Err(PrimitiveError::NegativeDuration { step: 1, .. })
-    ));
-    assert!(matches!(
-        with(2, -0.1),
-        Err(PrimitiveError::NegativeDuration { step: 3, .. })
-    ));
-    assert!(matches!(
-        with(3, -1.0),
-        Err(PrimitiveError::NegativeCollective { step: 5, .. })
-    ));
+    assert!(matches!(with(0, f64::NAN), Err(PrimitiveError::NotFinite { quantity: "U1", .. })));
+    assert!(matches!(with(1, -0.1), Err(PrimitiveError::NegativeDuration { step: 1, .. })));
+    assert!(matches!(with(2, -0.1), Err(PrimitiveError::NegativeDuration { step: 3, .. })));
+    assert!(matches!(with(3, -1.0), Err(PrimitiveError::NegativeCollective { step: 5, .. })));
     // Far above the envelope U1 alone brings the rate beyond the maximum, U5 alone stops from beyond it.
     let mut fast = good;
     (fast[0], fast[1]) = (23.9, 1.0);
-    assert!(matches!(
-        primitive(&fast.into()),
-        Err(PrimitiveError::NegativeDuration { step: 2, .. })
-    ));
+    assert!(matches!(primitive(&fast.into()), Err(PrimitiveError::NegativeDuration { step: 2, .. })));
     let mut slow = good;
     (slow[3], slow[4]) = (23.9, 1.0);
-    assert!(matches!(
-        primitive(&slow.into()),
-        Err(PrimitiveError::NegativeDuration { step: 4, .. })
-    ));
+    assert!(matches!(primitive(&slow.into()), Err(PrimitiveError::NegativeDuration { step: 4, .. })));
     assert!(matches!(with(2, 10.0), Err(PrimitiveError::TooLong { .. })));
 }
 
 #[test]
 fn impossible_designs_are_named() {
-    let (good, parameters) = (
-        design(2, 1600.0, 0.125),
-        Parameters::from([20.0, 0.16, 0.28, 20.0, 0.18]),
-    );
+    let (good, parameters) = (design(2, 1600.0, 0.125), Parameters::from([20.0, 0.16, 0.28, 20.0, 0.18]));
     let lever_m = Model::TABLE_I.alpha_l_m();
     let refusal = |design: FlipDesign, lever_m: f64| {
         Primitive::new(&design, lever_m, &parameters).expect_err("impossible")
     };
-    let still = FlipDesign {
-        rate_rad_s_max: 0.0,
-        ..good
-    };
+    let still = FlipDesign { rate_rad_s_max: 0.0, ..good };
     assert_eq!(
         refusal(still, lever_m),
-        PrimitiveError::NotPositive {
-            quantity: "rate_rad_s_max",
-            value: 0.0
-        }
+        PrimitiveError::NotPositive { quantity: "rate_rad_s_max", value: 0.0 }
     );
-    assert_eq!(
-        refusal(FlipDesign { flips: 0, ..good }, lever_m),
-        PrimitiveError::NoFlips
-    );
+    assert_eq!(refusal(FlipDesign { flips: 0, ..good }, lever_m), PrimitiveError::NoFlips);
+    assert!(matches!(refusal(good, f64::NAN), PrimitiveError::NotFinite { quantity: "alpha_l_m", .. }));
+    let upside_down = Envelope { low_m_s2: 20.0, high_m_s2: 4.0 };
     assert!(matches!(
-        refusal(good, f64::NAN),
-        PrimitiveError::NotFinite {
-            quantity: "alpha_l_m",
-            ..
-        }
-    ));
-    let upside_down = Envelope {
-        low_m_s2: 20.0,
-        high_m_s2: 4.0,
-    };
-    assert!(matches!(
-        refusal(
-            FlipDesign {
-                envelope: upside_down,
-                ..good
-            },
-            lever_m
-        ),
+        refusal(FlipDesign { envelope: upside_down, ..good }, lever_m),
         PrimitiveError::Envelope(EnvelopeError::Bounds { .. })
     ));
 }

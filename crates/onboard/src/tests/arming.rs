@@ -19,11 +19,7 @@ fn motors_wait_for_a_resting_command_first() {
     bench.run(millis(100));
     bench.fly(5.0);
     bench.run(millis(100));
-    assert_eq!(
-        bench.firmware.mode(),
-        FlightMode::Disarmed,
-        "the stick was not at rest"
-    );
+    assert_eq!(bench.firmware.mode(), FlightMode::Disarmed, "the stick was not at rest");
 
     (bench.frame.mode, bench.frame.collective_m_s2) = (CommandMode::Disarmed, 0.0);
     bench.run(millis(40));
@@ -60,10 +56,7 @@ fn disarming_low_stops_and_high_descends() {
     assert_eq!(high.firmware.mode(), FlightMode::Descend);
     high.run_until(FlightMode::Disarmed, Span::from_secs(6));
     assert!(high.height_m < 0.5 && high.speed_m_s > -1.5);
-    assert!(
-        !high.status().flags.contains(StatusFlags::LATCHED),
-        "the ground stayed with it"
-    );
+    assert!(!high.status().flags.contains(StatusFlags::LATCHED), "the ground stayed with it");
 }
 
 #[test]
@@ -80,12 +73,7 @@ fn an_emergency_stop_on_either_link_is_immediate_and_latched() {
         assert_eq!(bench.tick(), [0; 4]);
         let flags = bench.status().flags;
         assert!(flags.contains(StatusFlags::LATCHED.with(StatusFlags::EMERGENCY_STOP)));
-        for mode in [
-            CommandMode::Fly,
-            CommandMode::Disarmed,
-            CommandMode::Fly,
-            CommandMode::Descend,
-        ] {
+        for mode in [CommandMode::Fly, CommandMode::Disarmed, CommandMode::Fly, CommandMode::Descend] {
             bench.frame.mode = mode;
             bench.run(millis(100));
             assert_eq!(bench.firmware.mode(), FlightMode::Stopped);
@@ -109,13 +97,8 @@ fn an_emergency_stop_on_either_link_is_immediate_and_latched() {
 fn a_stop_works_with_any_counter_and_while_it_goes_on_nothing_releases_it() {
     let mut bench = Bench::hovering_at(4.0);
     bench.linked = false;
-    let repeated = CommandFrame {
-        mode: CommandMode::Stop,
-        ..bench.frame
-    };
-    bench
-        .firmware
-        .receive_channels(bench.now, &repeated.encode(VEHICLE).unwrap());
+    let repeated = CommandFrame { mode: CommandMode::Stop, ..bench.frame };
+    bench.firmware.receive_channels(bench.now, &repeated.encode(VEHICLE).unwrap());
     assert_eq!(bench.tick(), [0; 4]);
     bench.uplink(&Uplink::Rearm);
     bench.frame.mode = CommandMode::Stop;
@@ -135,13 +118,8 @@ fn rearming_in_the_air_does_nothing() {
 #[test]
 fn another_vehicles_messages_are_not_obeyed() {
     let mut bench = Bench::hovering_at(4.0);
-    let stop = CommandFrame {
-        mode: CommandMode::Stop,
-        ..bench.frame
-    };
-    bench
-        .firmware
-        .receive_channels(bench.now, &stop.encode(VEHICLE + 1).unwrap());
+    let stop = CommandFrame { mode: CommandMode::Stop, ..bench.frame };
+    bench.firmware.receive_channels(bench.now, &stop.encode(VEHICLE + 1).unwrap());
     let mut payload = [0; PAYLOAD_BYTES_MAX];
     let length = Uplink::Stop.encode(VEHICLE + 1, &mut payload).unwrap();
     bench.firmware.receive_payload(bench.now, &payload[..length]);
@@ -153,12 +131,7 @@ fn another_vehicles_messages_are_not_obeyed() {
 #[test]
 fn damaged_and_made_up_frames_are_not_obeyed() {
     let mut bench = Bench::hovering_at(4.0);
-    let stop = CommandFrame {
-        mode: CommandMode::Stop,
-        ..bench.frame
-    }
-    .encode(VEHICLE)
-    .unwrap();
+    let stop = CommandFrame { mode: CommandMode::Stop, ..bench.frame }.encode(VEHICLE).unwrap();
     for channel in 0..16 {
         for bit in 0..11 {
             let mut damaged = stop;
@@ -166,29 +139,13 @@ fn damaged_and_made_up_frames_are_not_obeyed() {
             bench.firmware.receive_channels(bench.now, &damaged);
         }
     }
-    bench.firmware.receive_sbus(
-        bench.now,
-        &sbus::Frame {
-            failsafe: true,
-            ..sbus::Frame::new(stop)
-        },
-    );
-    bench.firmware.receive_sbus(
-        bench.now,
-        &sbus::Frame {
-            frame_lost: true,
-            ..sbus::Frame::new(stop)
-        },
-    );
+    bench.firmware.receive_sbus(bench.now, &sbus::Frame { failsafe: true, ..sbus::Frame::new(stop) });
+    bench.firmware.receive_sbus(bench.now, &sbus::Frame { frame_lost: true, ..sbus::Frame::new(stop) });
     let (received_us, sent) = (bench.status().command_received_us, bench.sent);
     bench.tick();
     assert_eq!(bench.firmware.mode(), FlightMode::Flying);
     assert_eq!(bench.firmware.counters().commands_damaged, 176);
-    assert_eq!(
-        received_us,
-        crate::telemetry::micros(sent),
-        "none made the command younger"
-    );
+    assert_eq!(received_us, crate::telemetry::micros(sent), "none made the command younger");
     bench.firmware.receive_sbus(bench.now, &sbus::Frame::new(stop));
     assert_eq!(bench.firmware.mode(), FlightMode::Stopped);
 }

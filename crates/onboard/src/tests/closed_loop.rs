@@ -22,12 +22,7 @@ fn slopes(model: &Model, state: &Plane, back_n: f64, front_n: f64) -> Plane {
     let collective = 2.0 * (back + front) / model.mass_kg;
     let (sin, cos) = math::sin_cos(theta);
     let lag = |missing: f64| {
-        missing
-            * if missing >= 0.0 {
-                model.rotor_gain_up_1_s
-            } else {
-                model.rotor_gain_down_1_s
-            }
+        missing * if missing >= 0.0 { model.rotor_gain_up_1_s } else { model.rotor_gain_down_1_s }
     };
     [
         vx,
@@ -73,19 +68,11 @@ impl Flip {
     fn new(set: FlipSet, integral: Integral) -> Self {
         let lever_m = Model::TABLE_I.alpha_l_m() as f32;
         let inertia_kg_m2 = f64::from(lever_m) * Model::TABLE_I.mass_kg * Model::TABLE_I.arm_m / 2.0;
-        let model = Model {
-            inertia_kg_m2,
-            integral,
-            ..Model::TABLE_I
-        };
+        let model = Model { inertia_kg_m2, integral, ..Model::TABLE_I };
         let mut settings = FirmwareSettings::table_i(VEHICLE);
         settings.airframe.inertia_kg_m2[1] = inertia_kg_m2;
         settings.rates.maneuver.integral = integral;
-        Self {
-            model,
-            set: FlipSet { lever_m, ..set },
-            settings,
-        }
+        Self { model, set: FlipSet { lever_m, ..set }, settings }
     }
 
     fn by_model(&self) -> FinalError {
@@ -93,11 +80,8 @@ impl Flip {
         let design = FlipDesign {
             flips: set.flips as u8,
             rate_rad_s_max: f64::from(set.rate_rad_s_max),
-            envelope: Envelope::new(
-                f64::from(set.envelope_low_m_s2),
-                f64::from(set.envelope_high_m_s2),
-            )
-            .unwrap(),
+            envelope: Envelope::new(f64::from(set.envelope_low_m_s2), f64::from(set.envelope_high_m_s2))
+                .unwrap(),
         };
         let parameters = [set.u1_m_s2, set.t1_s, set.t3_s, set.u5_m_s2, set.t5_s].map(f64::from);
         let parameters = Parameters::from_array(parameters);
@@ -117,31 +101,16 @@ impl Flip {
             let thrusts = bench.firmware.commanded_thrusts_n(bench.now, &bench.imu).unwrap();
             let status = bench.status();
             if status.maneuver_phase != ManeuverPhase::Running {
-                assert_eq!(
-                    status.maneuver_phase,
-                    ManeuverPhase::Completed,
-                    "{:?}",
-                    status.reason
-                );
+                assert_eq!(status.maneuver_phase, ManeuverPhase::Completed, "{:?}", status.reason);
                 break;
             }
-            let planned_s = crate::command_generator::admit(&self.set.to_items(), &self.settings)
-                .unwrap()
-                .duration_s();
+            let planned_s =
+                crate::command_generator::admit(&self.set.to_items(), &self.settings).unwrap().duration_s();
             let into_s = (bench.now - Time::from_nanos(status.began_us as i64 * 1_000)).as_secs_f64();
-            let [front, back, left, right] = if quantised {
-                through_motor(thrusts, &self.settings)
-            } else {
-                thrusts
-            };
+            let [front, back, left, right] =
+                if quantised { through_motor(thrusts, &self.settings) } else { thrusts };
             assert_eq!(left, right);
-            advance(
-                &self.model,
-                &mut plane,
-                back,
-                front,
-                (planned_s - into_s).min(1.0 / LOOP_HZ),
-            );
+            advance(&self.model, &mut plane, back, front, (planned_s - into_s).min(1.0 / LOOP_HZ));
             bench.now += TICK;
         }
         let turn_rad = core::f64::consts::TAU * f64::from(self.set.flips);
@@ -156,12 +125,7 @@ impl Flip {
 }
 
 fn distance(a: FinalError, b: FinalError) -> f64 {
-    let squares = a
-        .to_array()
-        .iter()
-        .zip(b.to_array())
-        .map(|(a, b)| (a - b) * (a - b))
-        .sum();
+    let squares = a.to_array().iter().zip(b.to_array()).map(|(a, b)| (a - b) * (a - b)).sum();
     math::sqrt(squares)
 }
 
@@ -220,10 +184,7 @@ fn rate_step(gains: RateGains, step_rad_s: f64, seconds: f64) -> Vec<f64> {
 /// Greatest overshoot, and when the rate was last off by over 5 %.
 fn overshoot_and_settling(rates: &[f64]) -> (f64, f64) {
     let overshoot = rates.iter().copied().fold(0.0, f64::max) - 1.0;
-    let settled = rates
-        .iter()
-        .rposition(|rate| (rate - 1.0).abs() > 0.05)
-        .unwrap_or(0);
+    let settled = rates.iter().rposition(|rate| (rate - 1.0).abs() > 0.05).unwrap_or(0);
     (overshoot, (settled + 1) as f64 / LOOP_HZ)
 }
 

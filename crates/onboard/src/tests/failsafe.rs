@@ -20,31 +20,13 @@ fn each_rung_comes_one_tick_after_its_age() {
     let (mut bench, sent) = cut_off_at(4.0);
     while bench.now <= sent + millis(60) {
         bench.tick();
-        assert!(
-            !bench
-                .firmware
-                .status(bench.now - TICK)
-                .flags
-                .contains(StatusFlags::COMMAND_STALE)
-        );
+        assert!(!bench.firmware.status(bench.now - TICK).flags.contains(StatusFlags::COMMAND_STALE));
     }
     bench.tick();
-    assert!(
-        bench
-            .firmware
-            .status(bench.now - TICK)
-            .flags
-            .contains(StatusFlags::COMMAND_STALE)
-    );
+    assert!(bench.firmware.status(bench.now - TICK).flags.contains(StatusFlags::COMMAND_STALE));
     assert_eq!(bench.firmware.mode(), FlightMode::Flying, "stale, but flown");
-    assert_eq!(
-        bench.run_until(FlightMode::LevelHold, millis(200)),
-        sent + millis(100) + TICK
-    );
-    assert_eq!(
-        bench.run_until(FlightMode::Descend, millis(600)),
-        sent + millis(500) + TICK
-    );
+    assert_eq!(bench.run_until(FlightMode::LevelHold, millis(200)), sent + millis(100) + TICK);
+    assert_eq!(bench.run_until(FlightMode::Descend, millis(600)), sent + millis(500) + TICK);
 }
 
 #[test]
@@ -118,14 +100,8 @@ fn a_descent_nobody_ordered_lands_gently_and_stays_down() {
         }
         assert_eq!(bench.firmware.mode(), FlightMode::Landed);
         assert_eq!(bench.height_m, 0.0, "felt, not timed out, from {height_m} m");
-        assert!(
-            (0.3..1.1).contains(&impact_m_s),
-            "touched down with {impact_m_s} m/s"
-        );
-        assert!(
-            bench.now - began < Span::from_secs_f64(height_m + 2.0),
-            "before the timer"
-        );
+        assert!((0.3..1.1).contains(&impact_m_s), "touched down with {impact_m_s} m/s");
+        assert!(bench.now - began < Span::from_secs_f64(height_m + 2.0), "before the timer");
         bench.linked = true;
         (bench.frame.mode, bench.frame.collective_m_s2) = (CommandMode::Disarmed, 0.0);
         bench.run(millis(100));
@@ -168,10 +144,7 @@ fn a_vehicle_that_knows_nothing_of_itself_keeps_rates_at_zero_and_times_out() {
     bench.imu.rate_rad_s = Vector::ZERO;
     let began = bench.run_until(FlightMode::Descend, millis(600));
     let thrusts = bench.firmware.commanded_thrusts_n(bench.now, &bench.imu).unwrap();
-    assert!(
-        thrusts.iter().sum::<f64>() < 0.468 * GRAVITY_M_S2 * 0.98,
-        "below hover"
-    );
+    assert!(thrusts.iter().sum::<f64>() < 0.468 * GRAVITY_M_S2 * 0.98, "below hover");
     let landed = bench.run_until(FlightMode::Landed, Span::from_secs(11));
     assert_eq!(landed, began + Span::from_secs(10));
 }

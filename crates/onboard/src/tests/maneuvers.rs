@@ -58,11 +58,7 @@ fn a_start_is_flown_once_and_reported() {
     assert_eq!(outcome(&bench), (1, ManeuverPhase::Completed, Reason::None));
     let status = bench.status();
     assert!(((status.ended_us - status.began_us) as f64 * 1e-6 - 1.0190).abs() < 1e-4);
-    assert_eq!(
-        bench.firmware.mode(),
-        FlightMode::Flying,
-        "the ground's commands are flown again"
-    );
+    assert_eq!(bench.firmware.mode(), FlightMode::Flying, "the ground's commands are flown again");
     bench.imu.rate_rad_s = Vector::ZERO;
     bench.start(1, 7, &DOUBLE);
     bench.run(millis(100));
@@ -78,11 +74,7 @@ fn what_is_commanded_meanwhile_is_received_and_not_flown() {
     let mut least_n = f64::INFINITY;
     for _ in 0..80 {
         follow(&mut bench);
-        let thrusts = bench
-            .firmware
-            .clone()
-            .commanded_thrusts_n(bench.now, &bench.imu)
-            .unwrap();
+        let thrusts = bench.firmware.clone().commanded_thrusts_n(bench.now, &bench.imu).unwrap();
         least_n = least_n.min(thrusts.iter().sum());
         bench.tick();
         assert!(bench.status().command_age_ms <= 20);
@@ -122,9 +114,7 @@ fn each_condition_of_the_gate_refuses_and_uses_up_the_identity() {
             bench.speed_m_s = -0.25;
             bench.run(millis(400));
         }),
-        (Reason::SensorFault, |bench| {
-            bench.imu.rate_rad_s = Vector::new(0.0, f64::NAN, 0.0)
-        }),
+        (Reason::SensorFault, |bench| bench.imu.rate_rad_s = Vector::new(0.0, f64::NAN, 0.0)),
         (Reason::WrongSet, |bench| {
             let other = FlipSet { t1_s: 0.17, ..DOUBLE };
             bench.upload(7, &other);
@@ -137,11 +127,7 @@ fn each_condition_of_the_gate_refuses_and_uses_up_the_identity() {
         spoil(&mut bench);
         bench.start(1, 7, &DOUBLE);
         bench.tick();
-        assert_eq!(
-            outcome(&bench),
-            (1, ManeuverPhase::Refused, reason),
-            "case {index}"
-        );
+        assert_eq!(outcome(&bench), (1, ManeuverPhase::Refused, reason), "case {index}");
         assert_ne!(bench.firmware.mode(), FlightMode::Maneuver);
     }
 }
@@ -181,42 +167,21 @@ fn a_vehicle_that_does_not_know_its_state_does_not_flip() {
 #[test]
 fn sets_outside_the_limits_are_never_active_and_a_swap_waits_for_the_end_of_a_maneuver() {
     let mut bench = ready();
-    bench.upload(
-        8,
-        &FlipSet {
-            u1_m_s2: 24.5,
-            ..DOUBLE
-        },
-    );
+    bench.upload(8, &FlipSet { u1_m_s2: 24.5, ..DOUBLE });
     let reply = bench.upload_reply();
-    assert_eq!(
-        (reply.state, reply.reason),
-        (UploadState::Refused, Reason::OutsideLimits)
-    );
-    assert_eq!(
-        (bench.status().set_id, bench.status().set_digest),
-        (7, DOUBLE.digest())
-    );
+    assert_eq!((reply.state, reply.reason), (UploadState::Refused, Reason::OutsideLimits));
+    assert_eq!((bench.status().set_id, bench.status().set_digest), (7, DOUBLE.digest()));
 
     let next = FlipSet { t5_s: 0.2, ..DOUBLE };
     bench.start(1, 7, &DOUBLE);
     bench.tick();
     bench.upload(9, &next);
     let reply = bench.upload_reply();
-    assert_eq!(
-        (reply.state, reply.reason, reply.received_mask),
-        (UploadState::Staging, Reason::Busy, 0x3FF)
-    );
+    assert_eq!((reply.state, reply.reason, reply.received_mask), (UploadState::Staging, Reason::Busy, 0x3FF));
     flip_to_the_end(&mut bench);
-    bench.uplink(&Uplink::Commit {
-        set_id: 9,
-        digest: next.digest(),
-    });
+    bench.uplink(&Uplink::Commit { set_id: 9, digest: next.digest() });
     assert_eq!(bench.upload_reply().state, UploadState::Committed);
-    assert_eq!(
-        (bench.status().set_id, bench.status().set_digest),
-        (9, next.digest())
-    );
+    assert_eq!((bench.status().set_id, bench.status().set_digest), (9, next.digest()));
 }
 
 #[test]
@@ -228,21 +193,13 @@ fn an_abort_ends_it_levels_the_vehicle_and_then_flies_commands_again() {
         bench.tick();
     }
     bench.uplink(&Uplink::Abort { maneuver_id: 4 });
-    assert_eq!(
-        bench.firmware.mode(),
-        FlightMode::Maneuver,
-        "another maneuver's abort"
-    );
+    assert_eq!(bench.firmware.mode(), FlightMode::Maneuver, "another maneuver's abort");
     bench.uplink(&Uplink::Abort { maneuver_id: 5 });
     bench.imu.rate_rad_s = Vector::ZERO;
     bench.run(millis(40));
     // A hint has said level: the vehicle on the bench never turned.
     assert_eq!(outcome(&bench), (5, ManeuverPhase::Aborted, Reason::AbortOrdered));
-    assert_eq!(
-        bench.firmware.mode(),
-        FlightMode::Flying,
-        "level by the ground's hint"
-    );
+    assert_eq!(bench.firmware.mode(), FlightMode::Flying, "level by the ground's hint");
 
     let mut bench = ready();
     bench.start(5, 7, &DOUBLE);
@@ -255,11 +212,7 @@ fn an_abort_ends_it_levels_the_vehicle_and_then_flies_commands_again() {
     bench.imu.rate_rad_s = Vector::ZERO;
     let aborted = bench.now;
     bench.run(millis(400));
-    assert_eq!(
-        bench.firmware.mode(),
-        FlightMode::LevelHold,
-        "levels itself first"
-    );
+    assert_eq!(bench.firmware.mode(), FlightMode::LevelHold, "levels itself first");
     let flying = bench.run_until(FlightMode::Flying, Span::from_secs(1));
     assert_eq!(flying, aborted + millis(800), "but not for ever");
 }
@@ -273,11 +226,7 @@ fn the_command_clock_stands_still_until_a_tenth_of_a_second_after_the_planned_en
     flip_to_the_end(&mut bench);
     let end = Time::from_nanos(bench.status().ended_us as i64 * 1_000);
     assert_eq!(bench.status().maneuver_phase, ManeuverPhase::Completed);
-    assert_eq!(
-        bench.firmware.mode(),
-        FlightMode::LevelHold,
-        "nothing fresh to fly"
-    );
+    assert_eq!(bench.firmware.mode(), FlightMode::LevelHold, "nothing fresh to fly");
     bench.imu.rate_rad_s = Vector::ZERO;
     let descends = bench.run_until(FlightMode::Descend, Span::from_secs(1));
     let after = (descends - end).as_secs_f64();
@@ -340,11 +289,7 @@ fn a_ping_is_answered_with_both_times() {
     bench.uplink(&Uplink::Ping { token: 77 });
     let received_us = (bench.now.as_nanos() / 1_000) as u64;
     bench.run(millis(5));
-    let pong = Downlink::Pong {
-        token: 77,
-        received_us,
-        turnaround_us: 5_000,
-    };
+    let pong = Downlink::Pong { token: 77, received_us, turnaround_us: 5_000 };
     assert!(bench.downlink().contains(&pong));
 }
 
@@ -370,11 +315,7 @@ fn a_maneuver_begins_and_ends_with_the_integrals_at_zero() {
     bench.run(Span::from_secs(1));
     bench.imu.rate_rad_s = Vector::ZERO;
     let pitched = |bench: &Bench| {
-        let [front, back, ..] = bench
-            .firmware
-            .clone()
-            .commanded_thrusts_n(bench.now, &bench.imu)
-            .unwrap();
+        let [front, back, ..] = bench.firmware.clone().commanded_thrusts_n(bench.now, &bench.imu).unwrap();
         back - front
     };
     assert!(pitched(&bench) < -0.1, "normal flight has integrated the error");

@@ -51,21 +51,10 @@ impl Bench {
     pub fn new(settings: FirmwareSettings) -> Self {
         let rest = Vector::new(0.0, 0.0, GRAVITY_M_S2);
         Self {
-            firmware: Firmware::new(FirmwareSettings {
-                vehicle: VEHICLE,
-                ..settings
-            })
-            .unwrap(),
+            firmware: Firmware::new(FirmwareSettings { vehicle: VEHICLE, ..settings }).unwrap(),
             now: Time::ZERO + Span::from_secs(1),
-            imu: ImuSample {
-                rate_rad_s: Vector::ZERO,
-                acceleration_m_s2: rest,
-                battery_v: 11.5,
-            },
-            frame: CommandFrame {
-                hints_valid: true,
-                ..CommandFrame::default()
-            },
+            imu: ImuSample { rate_rad_s: Vector::ZERO, acceleration_m_s2: rest, battery_v: 11.5 },
+            frame: CommandFrame { hints_valid: true, ..CommandFrame::default() },
             linked: true,
             floor: true,
             height_m: 0.0,
@@ -97,8 +86,7 @@ impl Bench {
     pub fn send_frame(&mut self) {
         self.frame.counter = CommandFrame::next_counter(self.frame.counter);
         (self.frame.height_m, self.frame.vertical_speed_m_s) = (self.height_m, self.speed_m_s);
-        self.firmware
-            .receive_channels(self.now, &self.frame.encode(VEHICLE).unwrap());
+        self.firmware.receive_channels(self.now, &self.frame.encode(VEHICLE).unwrap());
         self.sent = self.now;
     }
 
@@ -115,11 +103,7 @@ impl Bench {
     }
 
     pub fn start(&mut self, maneuver_id: u16, set_id: u16, set: &FlipSet) {
-        self.uplink(&Uplink::Start {
-            maneuver_id,
-            set_id,
-            digest: set.digest(),
-        });
+        self.uplink(&Uplink::Start { maneuver_id, set_id, digest: set.digest() });
     }
 
     pub fn downlink(&mut self) -> Vec<Downlink> {
@@ -148,11 +132,7 @@ impl Bench {
     /// One tick; the ground's frame first, if one is due. No test flies for a minute: one that waits for what
     /// does not come ends here.
     pub fn tick(&mut self) -> [u8; 4] {
-        assert!(
-            self.now < Time::ZERO + Span::from_secs(60),
-            "still {:?}",
-            self.firmware.mode()
-        );
+        assert!(self.now < Time::ZERO + Span::from_secs(60), "still {:?}", self.firmware.mode());
         if self.linked && self.now >= self.next_frame {
             self.send_frame();
             self.next_frame = self.now + Span::from_millis(20);

@@ -14,12 +14,7 @@ fn any_vector() -> impl Strategy<Value = Vector<quantity::Body>> {
 
 #[derive(Clone, Debug)]
 enum Event {
-    Tick {
-        rate: Vector<quantity::Body>,
-        acceleration: Vector<quantity::Body>,
-        battery_v: f64,
-        count: u16,
-    },
+    Tick { rate: Vector<quantity::Body>, acceleration: Vector<quantity::Body>, battery_v: f64, count: u16 },
     Frame(CommandFrame),
     Channels([u16; 16]),
     Payload(Vec<u8>),
@@ -43,11 +38,7 @@ fn any_frame() -> impl Strategy<Value = CommandFrame> {
     (any_mode(), 0u8..32, any::<bool>(), numbers).prop_map(|(mode, counter, hints_valid, n)| CommandFrame {
         mode,
         counter,
-        collective_m_s2: if mode == CommandMode::Disarmed {
-            0.0
-        } else {
-            n[0].abs()
-        },
+        collective_m_s2: if mode == CommandMode::Disarmed { 0.0 } else { n[0].abs() },
         rate_rad_s: Vector::new(n[1], n[2], n[3]),
         hints_valid,
         roll_rad: n[4] * 0.01,
@@ -94,11 +85,7 @@ fn any_event() -> impl Strategy<Value = Event> {
 fn check_commands(commands: [u8; 4], on: bool) {
     for command in commands {
         let thrust_n = 2.8 * (f64::from(command) / 200.0) * (f64::from(command) / 200.0);
-        let expected = if on {
-            (0.08..=2.8).contains(&thrust_n)
-        } else {
-            command == 0
-        };
+        let expected = if on { (0.08..=2.8).contains(&thrust_n) } else { command == 0 };
         assert!(expected, "command {command}, motors on: {on}");
     }
 }
@@ -183,17 +170,10 @@ proptest! {
 #[test]
 fn time_at_the_ends_of_its_range_is_survived() {
     let mut bench = Bench::hovering_at(5.0);
-    for now in [
-        Time::from_nanos(i64::MIN),
-        Time::FAR_FUTURE,
-        Time::ZERO,
-        Time::FAR_FUTURE,
-    ] {
+    for now in [Time::from_nanos(i64::MIN), Time::FAR_FUTURE, Time::ZERO, Time::FAR_FUTURE] {
         bench.now = now;
         bench.frame.counter = CommandFrame::next_counter(bench.frame.counter);
-        bench
-            .firmware
-            .receive_channels(now, &bench.frame.encode(VEHICLE).unwrap());
+        bench.firmware.receive_channels(now, &bench.frame.encode(VEHICLE).unwrap());
         bench.firmware.tick(now, &bench.imu);
         bench.downlink();
     }

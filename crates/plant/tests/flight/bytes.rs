@@ -29,9 +29,7 @@ fn bytes_by(step: Option<Span>) -> Vec<(Time, Vec<u8>)> {
     let (mut sent, mut now) = (Vec::new(), Time::ZERO);
     let end = Time::ZERO + Span::from_secs(3);
     while now < end {
-        now = step
-            .map_or_else(|| plant.next_event(), |step| now + step)
-            .min(end);
+        now = step.map_or_else(|| plant.next_event(), |step| now + step).min(end);
         plant.advance(now, &mut |output| {
             assert!(output.at <= now);
             sent.push((output.at, output.bytes.to_vec()));
@@ -46,10 +44,7 @@ fn the_steps_in_which_time_passes_do_not_matter() {
     assert!(by_events.len() > 600);
     assert!(by_events.is_sorted_by_key(|(at, _)| *at));
     for micros in [137, 1_250, 20_000, 3_000_000] {
-        assert!(
-            bytes_by(Some(Span::from_micros(micros))) == by_events,
-            "{micros} µs"
-        );
+        assert!(bytes_by(Some(Span::from_micros(micros))) == by_events, "{micros} µs");
     }
 }
 
@@ -60,9 +55,7 @@ fn nothing_is_sent_before_the_next_event() {
     for _ in 0..3_000 {
         let event = plant.next_event();
         assert!(event > plant.now() || sent == 0);
-        plant.advance(event - Span::from_nanos(1), &mut |output| {
-            panic!("{output:?} before {event}")
-        });
+        plant.advance(event - Span::from_nanos(1), &mut |output| panic!("{output:?} before {event}"));
         plant.advance(event, &mut |_| sent += 1);
     }
     assert!(sent > 1_000);
@@ -94,9 +87,7 @@ fn poses_in_the_datagrams_are_the_truth_of_their_exposure() {
     }
     assert!(poses.len() > 150);
     for (at, position_m, rotation) in poses {
-        let truth = truths
-            .get(&(at - Span::from_millis(10)))
-            .expect("an exposure is an event");
+        let truth = truths.get(&(at - Span::from_millis(10))).expect("an exposure is an event");
         assert!((position_m - truth.position_m).norm() < 1e-9);
         assert!(rotation.angle_to(truth.orientation) < 1e-7);
     }

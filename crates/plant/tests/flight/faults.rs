@@ -16,29 +16,14 @@ fn hovering(seed: u64) -> Ground {
 fn without_commands_it_levels_then_descends_and_stops() {
     let mut ground = hovering(1);
     let now = ground.plant.now();
-    ground.plant.fault(
-        Fault::CommandLoss {
-            vehicle: 1,
-            loss_ratio: 1.0,
-        },
-        now,
-        Time::FAR_FUTURE,
-    );
+    ground.plant.fault(Fault::CommandLoss { vehicle: 1, loss_ratio: 1.0 }, now, Time::FAR_FUTURE);
     let mut modes = Vec::new();
     for _ in 0..80 {
         ground.run(0.1);
         modes.push(ground.plant.firmware(1).unwrap().mode());
     }
     modes.dedup();
-    assert_eq!(
-        modes,
-        [
-            FlightMode::Flying,
-            FlightMode::LevelHold,
-            FlightMode::Descend,
-            FlightMode::Landed
-        ]
-    );
+    assert_eq!(modes, [FlightMode::Flying, FlightMode::LevelHold, FlightMode::Descend, FlightMode::Landed]);
     let truth = ground.plant.truth(1).unwrap();
     let touchdown = truth.touchdown.expect("it came down");
     assert!(
@@ -51,35 +36,17 @@ fn without_commands_it_levels_then_descends_and_stops() {
 fn a_short_silence_changes_nothing_for_long() {
     let mut ground = hovering(2);
     let now = ground.plant.now();
-    ground.plant.fault(
-        Fault::CommandLoss {
-            vehicle: 1,
-            loss_ratio: 1.0,
-        },
-        now,
-        now + Span::from_millis(300),
-    );
+    ground.plant.fault(Fault::CommandLoss { vehicle: 1, loss_ratio: 1.0 }, now, now + Span::from_millis(300));
     ground.run(3.0);
     assert_eq!(ground.plant.firmware(1).unwrap().mode(), FlightMode::Flying);
-    assert!(
-        (ground.motion().position_m - Vector::new(0.0, 0.0, 3.0)).norm() < 0.2,
-        "{:?}",
-        ground.motion()
-    );
+    assert!((ground.motion().position_m - Vector::new(0.0, 0.0, 3.0)).norm() < 0.2, "{:?}", ground.motion());
 }
 
 #[test]
 fn corrupted_command_frames_are_not_flown() {
     let mut ground = hovering(3);
     let now = ground.plant.now();
-    ground.plant.fault(
-        Fault::CommandCorruption {
-            vehicle: 1,
-            corruption_ratio: 0.5,
-        },
-        now,
-        Time::FAR_FUTURE,
-    );
+    ground.plant.fault(Fault::CommandCorruption { vehicle: 1, corruption_ratio: 0.5 }, now, Time::FAR_FUTURE);
     let before = ground.plant.firmware(1).unwrap().counters();
     let mut away = Vec::new();
     for _ in 0..100 {
@@ -87,10 +54,7 @@ fn corrupted_command_frames_are_not_flown() {
         away.push((ground.motion().position_m - Vector::new(0.0, 0.0, 3.0)).norm());
     }
     let after = ground.plant.firmware(1).unwrap().counters();
-    assert!(
-        after.commands_damaged - before.commands_damaged > 100,
-        "{after:?}"
-    );
+    assert!(after.commands_damaged - before.commands_damaged > 100, "{after:?}");
     assert!(rms(away.iter().copied()) < 0.3, "{}", rms(away.iter().copied()));
 }
 
@@ -99,11 +63,7 @@ fn a_weak_rotor_pulls_the_vehicle_off_and_is_healed() {
     let away = |thrust_ratio: f64| {
         let mut ground = hovering(4);
         let now = ground.plant.now();
-        let weak = Fault::WeakRotor {
-            vehicle: 1,
-            rotor: 0,
-            thrust_ratio,
-        };
+        let weak = Fault::WeakRotor { vehicle: 1, rotor: 0, thrust_ratio };
         ground.plant.fault(weak, now, now + Span::from_millis(400));
         ground.run(0.4);
         let away = (ground.motion().position_m - Vector::new(0.0, 0.0, 3.0)).norm();
@@ -120,9 +80,7 @@ fn a_weak_rotor_pulls_the_vehicle_off_and_is_healed() {
 fn dead_gyros_stop_the_motors() {
     let mut ground = hovering(5);
     let now = ground.plant.now();
-    ground
-        .plant
-        .fault(Fault::GyroNotANumber { vehicle: 1 }, now, Time::FAR_FUTURE);
+    ground.plant.fault(Fault::GyroNotANumber { vehicle: 1 }, now, Time::FAR_FUTURE);
     ground.run(2.0);
     let truth = ground.plant.truth(1).unwrap();
     assert!(truth.motors_off());
@@ -139,10 +97,7 @@ fn an_emergency_stop_by_the_data_link_drops_it_and_it_stays_down() {
     ground.run(3.0);
     let truth = ground.plant.truth(1).unwrap();
     let touchdown = truth.touchdown.expect("it fell");
-    assert!(
-        truth.motors_off() && touchdown.crashed && touchdown.vertical_m_s > 6.0,
-        "{touchdown:?}"
-    );
+    assert!(truth.motors_off() && touchdown.crashed && touchdown.vertical_m_s > 6.0, "{touchdown:?}");
     ground.goal = Goal::Hover(Vector::new(0.0, 0.0, 3.0));
     ground.run(1.0);
     assert!(ground.plant.truth(1).unwrap().motors_off());

@@ -52,19 +52,8 @@ fn flown(arena: &Arena, seed: u64) -> ManeuverTruth {
 }
 
 fn norm(error: &FlipError) -> f64 {
-    let FlipError {
-        x_m,
-        z_m,
-        vx_m_s,
-        vz_m_s,
-        theta_rad,
-    } = *error;
-    math::sqrt(
-        [x_m, z_m, vx_m_s, vz_m_s, theta_rad]
-            .map(|part| part * part)
-            .iter()
-            .sum(),
-    )
+    let FlipError { x_m, z_m, vx_m_s, vz_m_s, theta_rad } = *error;
+    math::sqrt([x_m, z_m, vx_m_s, vz_m_s, theta_rad].map(|part| part * part).iter().sum())
 }
 
 fn difference(one: &FlipError, other: &FlipError) -> f64 {
@@ -97,17 +86,7 @@ fn the_same_flip_written_down_in_two_dimensions_ends_in_the_same_place() {
     let up = truth.start.orientation.z_axis();
     let hover = 0.468 * GRAVITY_M_S2 / 4.0;
     let v = truth.start.velocity_m_s;
-    let start = [
-        0.0,
-        0.0,
-        v.x,
-        v.z,
-        math::atan2(up.x, up.z),
-        truth.start.rate_rad_s.y,
-        hover,
-        hover,
-        hover,
-    ];
+    let start = [0.0, 0.0, v.x, v.z, math::atan2(up.x, up.z), truth.start.rate_rad_s.y, hover, hover, hover];
     let end = planar::fly(start, &planar::design(), &planar::p0());
     let expected = FlipError {
         x_m: end[0],
@@ -117,17 +96,8 @@ fn the_same_flip_written_down_in_two_dimensions_ends_in_the_same_place() {
         theta_rad: math::wrap_pi(end[4]),
     };
     // The vehicle began within a few thousandths of a hover; those are not in the plane's start.
-    assert!(
-        difference(&truth.error, &expected) < 0.006,
-        "{:?} {expected:?}",
-        truth.error
-    );
-    assert!(
-        (truth.end.rate_rad_s.y - end[5]).abs() < 0.005,
-        "{} {}",
-        truth.end.rate_rad_s.y,
-        end[5]
-    );
+    assert!(difference(&truth.error, &expected) < 0.006, "{:?} {expected:?}", truth.error);
+    assert!((truth.end.rate_rad_s.y - end[5]).abs() < 0.005, "{} {}", truth.end.rate_rad_s.y, end[5]);
 }
 
 #[test]
@@ -171,11 +141,7 @@ fn an_aborted_flip_is_told_as_such() {
         }
     }
     ground.run(0.1);
-    ground.send(&Uplink::Start {
-        maneuver_id: 9,
-        set_id: 4,
-        digest: set.digest(),
-    });
+    ground.send(&Uplink::Start { maneuver_id: 9, set_id: 4, digest: set.digest() });
     ground.run(0.4);
     for _ in 0..3 {
         ground.send(&Uplink::Abort { maneuver_id: 9 });
@@ -183,17 +149,12 @@ fn an_aborted_flip_is_told_as_such() {
     }
     ground.run(2.0);
     let truths = ground.plant.maneuver_truths();
-    let [truth] = &truths[..] else {
-        panic!("{truths:?}")
-    };
+    let [truth] = &truths[..] else { panic!("{truths:?}") };
     assert!(!truth.completed && truth.maneuver_id == 9);
     let duration = (truth.ended_at - truth.began_at).as_secs_f64();
     assert!((0.3..0.5).contains(&duration), "{duration}");
     let status = ground.status();
-    assert_eq!(
-        (status.maneuver_phase, status.reason),
-        (ManeuverPhase::Aborted, Reason::AbortOrdered)
-    );
+    assert_eq!((status.maneuver_phase, status.reason), (ManeuverPhase::Aborted, Reason::AbortOrdered));
     assert!(ground.plant.maneuver_truths().is_empty(), "told once");
 }
 
@@ -204,27 +165,18 @@ fn trajectories_show_the_flip_with_what_comes_before_and_after() {
     ground.hover_at(place());
     let truth = ground.flip(6, &double_flip());
     let trajectories = ground.plant.trajectories();
-    let [trajectory] = &trajectories[..] else {
-        panic!("{}", trajectories.len())
-    };
+    let [trajectory] = &trajectories[..] else { panic!("{}", trajectories.len()) };
     assert_eq!((trajectory.vehicle, trajectory.maneuver_id), (1, 6));
     assert!((trajectory.duration_s - (truth.ended_at - truth.began_at).as_secs_f64()).abs() < 1e-9);
     let at = |after_s: f64| {
         let near = |a: &&plant::TrajectorySample, b: &&plant::TrajectorySample| {
-            (a.after_s - after_s)
-                .abs()
-                .total_cmp(&(b.after_s - after_s).abs())
+            (a.after_s - after_s).abs().total_cmp(&(b.after_s - after_s).abs())
         };
         trajectory.samples.iter().min_by(near).unwrap()
     };
     assert!((at(0.0).position_m - truth.start.position_m).norm() < 0.002);
     let end = at(trajectory.duration_s);
     assert!((end.position_m - truth.end.position_m).norm() < 0.03);
-    assert!(
-        (end.pitch_rad - truth.turned_rad).abs() < 0.05,
-        "{} {}",
-        end.pitch_rad,
-        truth.turned_rad
-    );
+    assert!((end.pitch_rad - truth.turned_rad).abs() < 0.05, "{} {}", end.pitch_rad, truth.turned_rad);
     assert!(at(0.5).pitch_rad > 3.0 && at(-0.1).pitch_rad.abs() < 0.1);
 }

@@ -13,11 +13,8 @@ use settings::{Arena, Ports};
 
 /// The shipped arena with the double flip.
 pub fn arena() -> Arena {
-    Arena::load(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"),
-        "double-flip",
-    )
-    .expect("the shipped settings load")
+    Arena::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"), "double-flip")
+        .expect("the shipped settings load")
 }
 
 /// The same with vehicles that are what everybody believes.
@@ -95,26 +92,14 @@ impl Ground {
             let slot = self.slot_at;
             self.advance(slot);
             let channels = self.command().encode(self.id).expect("a valid frame");
-            self.plant.receive(
-                slot,
-                Ports::command_link(self.id),
-                &sbus::Frame::new(channels).encode(),
-            );
+            self.plant.receive(slot, Ports::command_link(self.id), &sbus::Frame::new(channels).encode());
             self.slot_at += SLOT;
         }
         self.advance(until);
     }
 
     fn advance(&mut self, until: Time) {
-        let Self {
-            plant,
-            statuses,
-            vicon,
-            digest,
-            decoder,
-            id,
-            ..
-        } = self;
+        let Self { plant, statuses, vicon, digest, decoder, id, .. } = self;
         // By its own events, as an event queue would.
         loop {
             let event = plant.next_event();
@@ -160,18 +145,10 @@ impl Ground {
         };
         match self.goal {
             Goal::Rest => frame,
-            Goal::Descend => CommandFrame {
-                mode: CommandMode::Descend,
-                ..frame
-            },
+            Goal::Descend => CommandFrame { mode: CommandMode::Descend, ..frame },
             Goal::Hover(place) => {
                 let (collective_m_s2, rate_rad_s) = self.hover(&motion, place);
-                CommandFrame {
-                    mode: CommandMode::Fly,
-                    collective_m_s2,
-                    rate_rad_s,
-                    ..frame
-                }
+                CommandFrame { mode: CommandMode::Fly, collective_m_s2, rate_rad_s, ..frame }
             }
         }
     }
@@ -209,11 +186,8 @@ impl Ground {
             options: 0,
             data: &payload[..length],
         };
-        let length = frame
-            .encode(ApiMode::Escaped, &mut serial)
-            .expect("a frame's room");
-        self.plant
-            .receive(self.plant.now(), Ports::DATA_LINK, &serial[..length]);
+        let length = frame.encode(ApiMode::Escaped, &mut serial).expect("a frame's room");
+        self.plant.receive(self.plant.now(), Ports::DATA_LINK, &serial[..length]);
     }
 
     /// Uploads a set and flies it; the frames are repeated, since links lose some.
@@ -227,21 +201,12 @@ impl Ground {
         }
         assert_eq!(self.status().set_digest, set.digest(), "the upload arrived");
         for _ in 0..4 {
-            self.send(&Uplink::Start {
-                maneuver_id,
-                set_id: maneuver_id,
-                digest: set.digest(),
-            });
+            self.send(&Uplink::Start { maneuver_id, set_id: maneuver_id, digest: set.digest() });
             self.run(0.03);
         }
         self.run(2.5);
         let status = self.status();
-        assert_ne!(
-            status.maneuver_phase,
-            ManeuverPhase::Refused,
-            "{:?}",
-            status.reason
-        );
+        assert_ne!(status.maneuver_phase, ManeuverPhase::Refused, "{:?}", status.reason);
         let truths = self.plant.maneuver_truths();
         assert_eq!(truths.len(), 1, "one maneuver was flown");
         truths[0]

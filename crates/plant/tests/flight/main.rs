@@ -19,27 +19,18 @@ fn it_takes_off_hovers_and_lands() {
     ground.goal = Goal::Hover(Vector::new(0.0, 0.0, 1.5));
     ground.run(8.0);
     let motion = ground.motion();
-    assert!(
-        (motion.position_m - Vector::new(0.0, 0.0, 1.5)).norm() < 0.15,
-        "{motion:?}"
-    );
+    assert!((motion.position_m - Vector::new(0.0, 0.0, 1.5)).norm() < 0.15, "{motion:?}");
     assert_eq!(ground.status().mode, FlightMode::Flying);
     ground.goal = Goal::Descend;
     ground.run(5.0);
     let truth = ground.plant.truth(1).unwrap();
     let touchdown = truth.touchdown.expect("it touched down");
     assert!(truth.motors_off(), "{:?}", ground.status());
-    assert!(
-        touchdown.vertical_m_s < 1.5 && !touchdown.crashed,
-        "{touchdown:?}"
-    );
+    assert!(touchdown.vertical_m_s < 1.5 && !touchdown.crashed, "{touchdown:?}");
     let battery = ground.status().battery_mv;
     assert!((12_000..12_600).contains(&battery), "{battery}");
     let extremes = ground.plant.extremes(1).unwrap();
-    assert!(
-        extremes.touched_floor && !extremes.left_hall && extremes.height_m_max > 1.4,
-        "{extremes:?}"
-    );
+    assert!(extremes.touched_floor && !extremes.left_hall && extremes.height_m_max > 1.4, "{extremes:?}");
 }
 
 #[test]

@@ -15,11 +15,7 @@ fn slope(s: &State, asked: &[f64; 3]) -> State {
     let [_, _, vx, vz, theta, rate, front, back, side] = *s;
     let collective = (front + back + 2.0 * side) / MASS;
     let lag = |now: f64, to: f64| {
-        if to >= now {
-            50.0 * (to - now)
-        } else {
-            25.0 * (to - now)
-        }
+        if to >= now { 50.0 * (to - now) } else { 25.0 * (to - now) }
     };
     [
         vx,
@@ -80,11 +76,5 @@ pub fn design() -> FlipDesign {
 
 /// Its P0 for collectives averaged over each tick (multi-flip.md, section 4).
 pub fn p0() -> Parameters {
-    Parameters {
-        u1_m_s2: 20.378_20,
-        t1_s: 0.161_48,
-        t3_s: 0.278_25,
-        u5_m_s2: 20.394_81,
-        t5_s: 0.192_54,
-    }
+    Parameters { u1_m_s2: 20.378_20, t1_s: 0.161_48, t3_s: 0.278_25, u5_m_s2: 20.394_81, t5_s: 0.192_54 }
 }

@@ -8,9 +8,7 @@ pub fn doc(attributes: &[Attribute], spanned: &impl quote::ToTokens, what: &str)
     for attribute in attributes {
         if let Meta::NameValue(pair) = &attribute.meta
             && pair.path.is_ident("doc")
-            && let Expr::Lit(ExprLit {
-                lit: Lit::Str(text), ..
-            }) = &pair.value
+            && let Expr::Lit(ExprLit { lit: Lit::Str(text), .. }) = &pair.value
         {
             lines.extend(text.value().split('\n').map(|line| line.trim().to_owned()));
         }
@@ -27,14 +25,10 @@ pub fn doc(attributes: &[Attribute], spanned: &impl quote::ToTokens, what: &str)
 
 /// Serde's own attributes would make the bytes differ from the description.
 pub fn refuse_serde_attributes(attributes: &[Attribute]) -> Result<()> {
-    match attributes
-        .iter()
-        .find(|attribute| attribute.path().is_ident("serde"))
-    {
-        Some(attribute) => Err(Error::new_spanned(
-            attribute,
-            "serde attributes would make the bytes differ from the schema",
-        )),
+    match attributes.iter().find(|attribute| attribute.path().is_ident("serde")) {
+        Some(attribute) => {
+            Err(Error::new_spanned(attribute, "serde attributes would make the bytes differ from the schema"))
+        }
         None => Ok(()),
     }
 }
@@ -44,10 +38,7 @@ pub fn refuse_generics(generics: &Generics) -> Result<()> {
     if generics.params.is_empty() {
         Ok(())
     } else {
-        Err(Error::new_spanned(
-            generics,
-            "a type on the wire has no parameters",
-        ))
+        Err(Error::new_spanned(generics, "a type on the wire has no parameters"))
     }
 }
 

@@ -22,27 +22,16 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let doc = common::doc(&input.attrs, &input.ident, "an enumeration")?;
     let width = width(input)?;
     if data.variants.is_empty() {
-        return Err(Error::new_spanned(
-            &input.ident,
-            "an enumeration has at least one value",
-        ));
+        return Err(Error::new_spanned(&input.ident, "an enumeration has at least one value"));
     }
-    let values = data
-        .variants
-        .iter()
-        .map(|variant| value(variant, width))
-        .collect::<Result<Vec<_>>>()?;
+    let values = data.variants.iter().map(|variant| value(variant, width)).collect::<Result<Vec<_>>>()?;
     let traits = enumeration_impl(&input.ident, &doc, width, &values);
     let serde = serde_impl(&input.ident, width);
     Ok(quote! { #traits #serde })
 }
 
 fn width(input: &DeriveInput) -> Result<u8> {
-    for attribute in input
-        .attrs
-        .iter()
-        .filter(|attribute| attribute.path().is_ident("repr"))
-    {
+    for attribute in input.attrs.iter().filter(|attribute| attribute.path().is_ident("repr")) {
         let repr: Ident = attribute.parse_args()?;
         if repr == "u8" {
             return Ok(1);
@@ -59,26 +48,14 @@ fn width(input: &DeriveInput) -> Result<u8> {
 
 fn value(variant: &Variant, width: u8) -> Result<Value<'_>> {
     if !matches!(variant.fields, Fields::Unit) {
-        return Err(Error::new_spanned(
-            variant,
-            "a value of an enumeration carries no data",
-        ));
+        return Err(Error::new_spanned(variant, "a value of an enumeration carries no data"));
     }
     common::refuse_serde_attributes(&variant.attrs)?;
     let doc = common::doc(&variant.attrs, variant, "a value of an enumeration")?;
     let value = match &variant.discriminant {
-        Some((
-            _,
-            Expr::Lit(ExprLit {
-                lit: Lit::Int(literal),
-                ..
-            }),
-        )) => literal.base10_parse::<u32>()?,
+        Some((_, Expr::Lit(ExprLit { lit: Lit::Int(literal), .. }))) => literal.base10_parse::<u32>()?,
         Some((_, other)) => {
-            return Err(Error::new_spanned(
-                other,
-                "the value on the wire is a plain number",
-            ));
+            return Err(Error::new_spanned(other, "the value on the wire is a plain number"));
         }
         None => {
             return Err(Error::new_spanned(
@@ -90,12 +67,7 @@ fn value(variant: &Variant, width: u8) -> Result<Value<'_>> {
     if width == 1 && value > u32::from(u8::MAX) {
         return Err(Error::new_spanned(variant, "the value exceeds #[repr(u8)]"));
     }
-    Ok(Value {
-        ident: &variant.ident,
-        name: common::upper_snake(&variant.ident.to_string()),
-        doc,
-        value,
-    })
+    Ok(Value { ident: &variant.ident, name: common::upper_snake(&variant.ident.to_string()), doc, value })
 }
 
 fn enumeration_impl(ident: &Ident, doc: &str, width: u8, values: &[Value<'_>]) -> TokenStream {
@@ -149,11 +121,7 @@ fn enumeration_impl(ident: &Ident, doc: &str, width: u8, values: &[Value<'_>]) -
 }
 
 fn serde_impl(ident: &Ident, width: u8) -> TokenStream {
-    let repr = if width == 1 {
-        format_ident!("u8")
-    } else {
-        format_ident!("u32")
-    };
+    let repr = if width == 1 { format_ident!("u8") } else { format_ident!("u32") };
     let serialize = format_ident!("serialize_{repr}");
     quote! {
         #[automatically_derived]

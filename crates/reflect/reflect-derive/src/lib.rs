@@ -14,9 +14,7 @@ use syn::{DeriveInput, parse_macro_input};
 #[proc_macro_derive(Message, attributes(message))]
 pub fn derive_message(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);
-    message::expand(&input)
-        .unwrap_or_else(|error| error.into_compile_error())
-        .into()
+    message::expand(&input).unwrap_or_else(|error| error.into_compile_error()).into()
 }
 
 /// Derives `reflect::Enumeration`, and serde's traits by value, for a field-less enum with explicit values.
@@ -26,7 +24,5 @@ pub fn derive_message(input: TokenStream) -> TokenStream {
 #[proc_macro_derive(Enumeration)]
 pub fn derive_enumeration(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);
-    enumeration::expand(&input)
-        .unwrap_or_else(|error| error.into_compile_error())
-        .into()
+    enumeration::expand(&input).unwrap_or_else(|error| error.into_compile_error()).into()
 }

@@ -107,26 +107,14 @@ const REFUSED: &[(&str, &str)] = &[
     ("String", "has no bound: use Text<N>"),
     ("Vec", "has no bound: use Seq<T, N>"),
     ("Box", "has no form on the wire"),
-    (
-        "HashMap",
-        "has no order: use a Seq of a message with key and value",
-    ),
+    ("HashMap", "has no order: use a Seq of a message with key and value"),
     ("HashSet", "has no order: use Seq<T, N>"),
-    (
-        "BTreeMap",
-        "has no ROS 1 type: use a Seq of a message with key and value",
-    ),
+    ("BTreeMap", "has no ROS 1 type: use a Seq of a message with key and value"),
     ("BTreeSet", "has no ROS 1 type: use Seq<T, N>"),
-    (
-        "Duration",
-        "is a length of time without a unit in its name: use a number named `..._s` or `..._ns`",
-    ),
+    ("Duration", "is a length of time without a unit in its name: use a number named `..._s` or `..._ns`"),
     ("Instant", "means nothing on another machine: use quantity::Time"),
     ("SystemTime", "is a clock that jumps: use quantity::Time"),
-    (
-        "Span",
-        "has no ROS 1 type: use a number named `..._s` or `..._ns`",
-    ),
+    ("Span", "has no ROS 1 type: use a number named `..._s` or `..._ns`"),
 ];
 
 pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
@@ -138,19 +126,15 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
         ));
     };
     let Fields::Named(fields) = &data.fields else {
-        return Err(Error::new_spanned(
-            &input.ident,
-            "the fields of a message have names",
-        ));
+        return Err(Error::new_spanned(&input.ident, "the fields of a message have names"));
     };
     common::refuse_generics(&input.generics)?;
     common::refuse_serde_attributes(&input.attrs)?;
     let ident = &input.ident;
     let doc = common::doc(&input.attrs, ident, "a message")?;
     let name = published_name(input)?;
-    let well_known = ["geometry_msgs/", "std_msgs/", "sensor_msgs/"]
-        .iter()
-        .any(|known| name.starts_with(known));
+    let well_known =
+        ["geometry_msgs/", "std_msgs/", "sensor_msgs/"].iter().any(|known| name.starts_with(known));
 
     let mut descriptions = Vec::new();
     let mut checks = Vec::new();
@@ -223,11 +207,7 @@ fn constant_checks(message: &Ident, field: &Ident, ty: &Type, well_known: bool) 
 
 fn published_name(input: &DeriveInput) -> Result<String> {
     let mut name: Option<LitStr> = None;
-    for attribute in input
-        .attrs
-        .iter()
-        .filter(|attribute| attribute.path().is_ident("message"))
-    {
+    for attribute in input.attrs.iter().filter(|attribute| attribute.path().is_ident("message")) {
         attribute.parse_nested_meta(|meta| {
             if !meta.path.is_ident("name") {
                 return Err(meta.error("the only attribute is #[message(name = \"package/Type\")]"));
@@ -243,21 +223,13 @@ fn published_name(input: &DeriveInput) -> Result<String> {
         ));
     };
     let text = name.value();
-    let valid = text
-        .split_once('/')
-        .is_some_and(|(package, ty)| is_lower_snake(package) && is_camel(ty));
-    if valid {
-        Ok(text)
-    } else {
-        Err(Error::new_spanned(name, "a published name reads `package/Type`"))
-    }
+    let valid = text.split_once('/').is_some_and(|(package, ty)| is_lower_snake(package) && is_camel(ty));
+    if valid { Ok(text) } else { Err(Error::new_spanned(name, "a published name reads `package/Type`")) }
 }
 
 fn is_lower_snake(name: &str) -> bool {
     name.starts_with(|first: char| first.is_ascii_lowercase())
-        && name
-            .chars()
-            .all(|letter| letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_')
+        && name.chars().all(|letter| letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_')
         && !name.ends_with('_')
         && !name.contains("__")
 }
@@ -302,10 +274,9 @@ fn check_type(ty: &Type) -> Result<()> {
             Ok(())
         }
         Type::Array(array) => check_type(&array.elem),
-        Type::Tuple(_) => Err(Error::new_spanned(
-            ty,
-            "a tuple has no ROS 1 type: use a message with named fields",
-        )),
+        Type::Tuple(_) => {
+            Err(Error::new_spanned(ty, "a tuple has no ROS 1 type: use a message with named fields"))
+        }
         Type::Reference(_) => Err(Error::new_spanned(ty, "a message owns what it says")),
         _ => Ok(()),
     }

@@ -42,9 +42,7 @@ fn with_reactor(test: impl AsyncFnOnce()) {
 }
 
 async fn settle(receiver: &BusReceiver) {
-    std::future::poll_fn(|cx| receiver.poll_readable(cx))
-        .await
-        .unwrap();
+    std::future::poll_fn(|cx| receiver.poll_readable(cx)).await.unwrap();
 }
 
 const READ: [&Topic; 2] = [&topics::MOCAP_FRAME, &topics::VEHICLE_STATE];
@@ -102,9 +100,7 @@ fn nothing_comes_in_but_by_the_domains_own_group() {
         other_sender.send(&datagram(Kind::Data, &topics::VEHICLE_STATE, 1));
         let unicast = UdpSocket::bind("127.0.0.1:0").unwrap();
         let to = (network.interface, network.sim.port);
-        unicast
-            .send_to(&datagram(Kind::Data, &topics::VEHICLE_STATE, 2), to)
-            .unwrap();
+        unicast.send_to(&datagram(Kind::Data, &topics::VEHICLE_STATE, 2), to).unwrap();
         sender.send(&datagram(Kind::Data, &topics::VEHICLE_STATE, 3));
         settle(&receiver).await;
         assert_eq!(drain(&mut receiver), [3]);
@@ -115,10 +111,7 @@ fn nothing_comes_in_but_by_the_domains_own_group() {
 #[test]
 fn datagrams_never_leave_further_than_the_settings_say() {
     for (asked, granted) in [(0, 0), (1, 1), (200, 1)] {
-        let network = Network {
-            ttl: asked,
-            ..network()
-        };
+        let network = Network { ttl: asked, ..network() };
         let sender = BusSender::open(&network, Domain::Sim).unwrap();
         assert_eq!(SockRef::from(&sender.socket).multicast_ttl_v4().unwrap(), granted);
     }
@@ -153,10 +146,7 @@ fn arrivals_lie_between_sending_and_taking_and_keep_their_order() {
 #[test]
 fn what_an_unfiltered_reader_does_not_take_in_time_is_counted_to_the_last_one() {
     with_reactor(async || {
-        let network = Network {
-            receive_buffer_bytes: 65_536,
-            ..network()
-        };
+        let network = Network { receive_buffer_bytes: 65_536, ..network() };
         let mut receiver = BusReceiver::join(&network, Domain::Sim, Listen::Everything).unwrap();
         let mut sender = BusSender::open(&network, Domain::Sim).unwrap();
         const SENT: u32 = 5_000;
@@ -165,19 +155,12 @@ fn what_an_unfiltered_reader_does_not_take_in_time_is_counted_to_the_last_one() 
         }
         settle(&receiver).await;
         let received = drain(&mut receiver);
-        assert!(
-            received.len() > 10 && received.len() < SENT as usize / 2,
-            "{}",
-            received.len()
-        );
+        assert!(received.len() > 10 && received.len() < SENT as usize / 2, "{}", received.len());
         // The kernel tells with the next datagram that gets through.
         sender.send(&datagram(Kind::Data, &topics::VEHICLE_STATE, SENT));
         settle(&receiver).await;
         assert_eq!(drain(&mut receiver), [SENT]);
-        assert_eq!(
-            receiver.take_overflowed() + received.len() as u64,
-            u64::from(SENT)
-        );
+        assert_eq!(receiver.take_overflowed() + received.len() as u64, u64::from(SENT));
         assert_eq!(receiver.take_overflowed(), 0);
     });
 }
@@ -201,10 +184,7 @@ fn what_a_filter_refuses_is_no_overflow() {
 #[test]
 fn a_filtered_reader_that_is_too_slow_learns_of_it() {
     with_reactor(async || {
-        let network = Network {
-            receive_buffer_bytes: 65_536,
-            ..network()
-        };
+        let network = Network { receive_buffer_bytes: 65_536, ..network() };
         let mut receiver = BusReceiver::join(&network, Domain::Sim, Listen::Topics(&READ)).unwrap();
         let mut sender = BusSender::open(&network, Domain::Sim).unwrap();
         const SENT: u32 = 5_000;
@@ -221,21 +201,14 @@ fn a_filtered_reader_that_is_too_slow_learns_of_it() {
         sender.send(&datagram(Kind::Data, &topics::VEHICLE_STATE, SENT));
         settle(&receiver).await;
         assert_eq!(drain(&mut receiver), [SENT]);
-        assert_eq!(
-            receiver.take_overflowed() + received.len() as u64,
-            u64::from(SENT)
-        );
+        assert_eq!(receiver.take_overflowed() + received.len() as u64, u64::from(SENT));
         for number in 0..20 {
             sender.send(&datagram(Kind::Data, &topics::PLANT_TRUTH, number));
         }
         sender.send(&datagram(Kind::Data, &topics::VEHICLE_STATE, 1));
         settle(&receiver).await;
         assert_eq!(drain(&mut receiver), [1]);
-        assert_eq!(
-            receiver.take_overflowed(),
-            0,
-            "what the filter refuses later is not counted"
-        );
+        assert_eq!(receiver.take_overflowed(), 0, "what the filter refuses later is not counted");
     });
 }
 

@@ -86,10 +86,7 @@ impl Core for Radio {
     type Output = RadioOutput;
 
     fn new(_: &Arena, _: toml::Table, start: Start) -> Result<Self, ConfigError> {
-        Ok(Self {
-            steps: Vec::new(),
-            now: start.at,
-        })
+        Ok(Self { steps: Vec::new(), now: start.at })
     }
 
     fn deadline(&self) -> Option<Time> {
@@ -103,23 +100,12 @@ impl Core for Radio {
             Event::Input(RadioInput::Command(command)) => {
                 self.steps.push("command");
                 let bytes = Seq::try_from(vec![command.vehicle; 25]).unwrap();
-                out.publish(DeviceBytes {
-                    port: Ports::command_link(command.vehicle),
-                    at: now,
-                    bytes,
-                });
-                out.publish(CommandSent {
-                    vehicle: command.vehicle,
-                    ..CommandSent::default()
-                });
+                out.publish(DeviceBytes { port: Ports::command_link(command.vehicle), at: now, bytes });
+                out.publish(CommandSent { vehicle: command.vehicle, ..CommandSent::default() });
             }
             Event::Input(RadioInput::Bytes(bytes)) => {
                 self.steps.push("bytes");
-                out.publish(DeviceBytes {
-                    port: bytes.port,
-                    at: now,
-                    bytes: bytes.bytes,
-                });
+                out.publish(DeviceBytes { port: bytes.port, at: now, bytes: bytes.bytes });
             }
         }
     }
@@ -136,13 +122,7 @@ fn setup(service: &str) -> Setup {
     let mut arena = Arena::load(&config, "fleet").unwrap();
     arena.network = network();
     let identity = identity(service, Domain::Sim, RUN, 1);
-    Setup {
-        arena,
-        secret: secret(),
-        identity,
-        started_at: clock::now(),
-        supervised: false,
-    }
+    Setup { arena, secret: secret(), identity, started_at: clock::now(), supervised: false }
 }
 
 fn node<C: Core>(setup: &Setup) -> Node<C> {
@@ -184,12 +164,8 @@ fn device_bytes_step_their_bridge_once_and_are_published_first() {
             BusReceiver::join(&setup.arena.network, Domain::Sim, Listen::Topics(&data)).unwrap();
         let cameras = UdpSocket::bind("127.0.0.1:0").unwrap();
         let before = clock::now();
-        cameras
-            .send_to(b"frame one", setup.arena.network.devices.vicon)
-            .unwrap();
-        cameras
-            .send_to(b"frame two", setup.arena.network.devices.vicon)
-            .unwrap();
+        cameras.send_to(b"frame one", setup.arena.network.devices.vicon).unwrap();
+        cameras.send_to(b"frame two", setup.arena.network.devices.vicon).unwrap();
         while node.core().received.len() < 2 {
             round(&mut shell, &mut node).await;
         }
@@ -202,15 +178,8 @@ fn device_bytes_step_their_bridge_once_and_are_published_first() {
             (&*received[0].bytes, &*received[1].bytes),
             (b"frame one".as_slice(), b"frame two".as_slice())
         );
-        assert!(
-            received
-                .iter()
-                .all(|bytes| bytes.port == Ports::VICON && bytes.at >= before)
-        );
-        assert_eq!(
-            heard(&mut listener),
-            ["vicon/rx", "mocap/frame", "vicon/rx", "mocap/frame"]
-        );
+        assert!(received.iter().all(|bytes| bytes.port == Ports::VICON && bytes.at >= before));
+        assert_eq!(heard(&mut listener), ["vicon/rx", "mocap/frame", "vicon/rx", "mocap/frame"]);
         Ok(())
     })
     .unwrap();
@@ -220,23 +189,14 @@ fn publish_commands(setup: &Setup, identity: Identity, vehicles: impl IntoIterat
     let mut bus = BusSender::open(&setup.arena.network, Domain::Sim).unwrap();
     let mut publisher = Publisher::new("hover-controller", &setup.secret, identity);
     for vehicle in vehicles {
-        let command = VehicleCommand {
-            vehicle,
-            ..VehicleCommand::default()
-        };
+        let command = VehicleCommand { vehicle, ..VehicleCommand::default() };
         let mut sink = |published: Published<'_>| bus.send(published.datagram);
-        publisher
-            .publish(clock::now(), &topics::VEHICLE_COMMAND, &command, &mut sink)
-            .unwrap();
+        publisher.publish(clock::now(), &topics::VEHICLE_COMMAND, &command, &mut sink).unwrap();
     }
 }
 
 fn commands(node: &Node<Radio>) -> usize {
-    node.core()
-        .steps
-        .iter()
-        .filter(|step| **step == "command")
-        .count()
+    node.core().steps.iter().filter(|step| **step == "command").count()
 }
 
 #[test]
@@ -249,26 +209,15 @@ fn commands_reach_the_radio_of_their_vehicle() {
         let base = setup.arena.network.devices.command_link;
         let encoders =
             [1, 2, 3].map(|vehicle| UdpSocket::bind(devices::command_link(base, vehicle)).unwrap());
-        publish_commands(
-            &setup,
-            identity("hover-controller", Domain::Sim, RUN, 1),
-            [2, 3, 9],
-        );
+        publish_commands(&setup, identity("hover-controller", Domain::Sim, RUN, 1), [2, 3, 9]);
         while commands(&node) < 3 {
             round(&mut shell, &mut node).await;
         }
         let mut bytes = [0; 64];
         for (encoder, vehicle) in encoders.iter().zip(1_u8..) {
             encoder.set_nonblocking(true).unwrap();
-            let expected = if vehicle == 1 {
-                None
-            } else {
-                Some([vehicle; 25].to_vec())
-            };
-            assert_eq!(
-                encoder.recv(&mut bytes).ok().map(|count| bytes[..count].to_vec()),
-                expected
-            );
+            let expected = if vehicle == 1 { None } else { Some([vehicle; 25].to_vec()) };
+            assert_eq!(encoder.recv(&mut bytes).ok().map(|count| bytes[..count].to_vec()), expected);
             assert!(encoder.recv(&mut bytes).is_err(), "one frame each");
         }
         Ok(())
@@ -285,16 +234,10 @@ fn the_data_link_answers_the_socket_it_was_spoken_to_from() {
         let endpoints = devices::endpoints("radio-bridge", &setup.arena);
         let mut shell = Shell::open(&setup, &node, endpoints).unwrap();
         // The bridge speaks first: only so does the radio learn where it is.
-        let bytes = DeviceBytes {
-            port: Ports::DATA_LINK,
-            at: clock::now(),
-            bytes: Seq::default(),
-        };
+        let bytes = DeviceBytes { port: Ports::DATA_LINK, at: clock::now(), bytes: Seq::default() };
         let mut hello = bytes.clone();
         hello.bytes = Seq::try_from(b"hello".to_vec()).unwrap();
-        node.inject(clock::now(), &topics::RADIO_RX, hello, &mut |published| {
-            shell.outlet.put(&published)
-        });
+        node.inject(clock::now(), &topics::RADIO_RX, hello, &mut |published| shell.outlet.put(&published));
         let mut buffer = [0; 64];
         let (count, bridge) = radio.recv_from(&mut buffer).unwrap();
         assert_eq!(&buffer[..count], b"hello");
@@ -324,16 +267,8 @@ fn a_deadline_is_kept_between_any_two_datagrams_of_a_flood() {
         while commands(&node) < 500 {
             round(&mut shell, &mut node).await;
         }
-        let bursts = node
-            .core()
-            .steps
-            .windows(2)
-            .filter(|pair| **pair == ["command", "command"])
-            .count();
-        assert_eq!(
-            bursts, 0,
-            "two commands with no look at the deadline between them"
-        );
+        let bursts = node.core().steps.windows(2).filter(|pair| **pair == ["command", "command"]).count();
+        assert_eq!(bursts, 0, "two commands with no look at the deadline between them");
         Ok(())
     })
     .unwrap();
@@ -345,19 +280,9 @@ fn a_stranger_is_dropped_and_counted() {
         let setup = setup("radio-bridge");
         let mut node = node::<Radio>(&setup);
         let mut shell = Shell::open(&setup, &node, Vec::new()).unwrap();
-        let stranger = Setup {
-            secret: Secret::new([8; 32]),
-            ..self::setup("radio-bridge")
-        };
-        let stranger = Setup {
-            arena: setup.arena.clone(),
-            ..stranger
-        };
-        publish_commands(
-            &stranger,
-            identity("hover-controller", Domain::Sim, RUN, 1),
-            [1, 1, 1],
-        );
+        let stranger = Setup { secret: Secret::new([8; 32]), ..self::setup("radio-bridge") };
+        let stranger = Setup { arena: setup.arena.clone(), ..stranger };
+        publish_commands(&stranger, identity("hover-controller", Domain::Sim, RUN, 1), [1, 1, 1]);
         publish_commands(&setup, identity("hover-controller", Domain::Sim, RUN, 2), [1]);
         while commands(&node) == 0 {
             round(&mut shell, &mut node).await;
@@ -373,11 +298,7 @@ fn a_stranger_is_dropped_and_counted() {
 fn what_waited_too_long_in_the_queue_is_no_news() {
     let now = Time::ZERO + Span::from_secs(100);
     let from = std::net::SocketAddrV4::new(std::net::Ipv4Addr::LOCALHOST, 1);
-    let aged = |age| Datagram {
-        at: now - age,
-        from,
-        bytes: &[],
-    };
+    let aged = |age| Datagram { at: now - age, from, bytes: &[] };
     assert!(!is_old(now, aged(Span::ZERO)));
     assert!(!is_old(now, aged(QUEUE_AGE_MAX)));
     assert!(is_old(now, aged(QUEUE_AGE_MAX + Span::from_nanos(1))));
@@ -387,12 +308,7 @@ fn what_waited_too_long_in_the_queue_is_no_news() {
 fn an_alarm_rings_for_what_is_past_and_not_before_what_is_to_come() {
     block_on(async {
         let mut timer = Timer::new().unwrap();
-        for ahead in [
-            Span::from_millis(-5),
-            Span::ZERO,
-            Span::from_micros(300),
-            Span::from_millis(2),
-        ] {
+        for ahead in [Span::from_millis(-5), Span::ZERO, Span::from_micros(300), Span::from_millis(2)] {
             let at = clock::now() + ahead;
             timer.set(Some(at)).unwrap();
             poll_fn(|cx| timer.poll_elapsed(cx)).await.unwrap();

@@ -25,10 +25,7 @@ fn goals(rig: &Rig) -> Vec<(Time, GoalKind)> {
 }
 
 fn order(rig: &mut Rig, kind: OrderKind) {
-    rig.order = ArenaOrder {
-        kind,
-        given_at: rig.now,
-    };
+    rig.order = ArenaOrder { kind, given_at: rig.now };
     rig.hear(rig.order);
 }
 
@@ -38,34 +35,19 @@ fn flips_follow_each_other_in_the_order_of_the_phases() {
     rig.run(8.0);
     use FlipPhase::{Approach, Flip, Idle, Measure, Recover, Start, Upload};
     let round = [Approach, Upload, Start, Flip, Measure, Recover];
-    let expected: Vec<_> = [Idle]
-        .into_iter()
-        .chain(round)
-        .chain(round)
-        .chain([Approach])
-        .collect();
+    let expected: Vec<_> = [Idle].into_iter().chain(round).chain(round).chain([Approach]).collect();
     assert_eq!(rig.phases()[..expected.len()], expected);
     let results = results(&rig);
     assert!(results.len() >= 2);
     for (index, (_, result)) in results.iter().enumerate() {
-        assert_eq!(
-            (result.iteration, result.outcome),
-            (index as u32, FlipOutcome::Completed)
-        );
+        assert_eq!((result.iteration, result.outcome), (index as u32, FlipOutcome::Completed));
         let error = result.error;
         let size = [error.x_m, error.z_m, error.vx_m_s, error.vz_m_s, error.theta_rad];
-        assert!(
-            size.iter().all(|part| part.abs() < 1e-9),
-            "it hung still: {error:?}"
-        );
+        assert!(size.iter().all(|part| part.abs() < 1e-9), "it hung still: {error:?}");
         assert!((result.battery_v - 12.3).abs() < 0.3);
         assert!((result.parameters.t3_s - (0.28 + 0.001 * index as f64)).abs() < 1e-6);
     }
-    assert!(
-        rig.starts
-            .windows(2)
-            .all(|pair| pair[1].1.maneuver_id >= pair[0].1.maneuver_id)
-    );
+    assert!(rig.starts.windows(2).all(|pair| pair[1].1.maneuver_id >= pair[0].1.maneuver_id));
     assert!(rig.events.is_empty(), "{:?}", rig.events);
 }
 
@@ -74,11 +56,7 @@ fn goals_are_repeated_at_ten_hertz() {
     let mut rig = Rig::new();
     rig.run(20.0);
     let goals = goals(&rig);
-    assert!(
-        goals
-            .windows(2)
-            .all(|pair| pair[1].0 - pair[0].0 <= Span::from_millis(105))
-    );
+    assert!(goals.windows(2).all(|pair| pair[1].0 - pair[0].0 <= Span::from_millis(105)));
     assert!(goals.len() < 20 * 10 + 2 * rig.phases().len());
 }
 
@@ -116,11 +94,7 @@ fn landing_is_granted_in_every_phase() {
         let ordered_at = rig.now;
         rig.run_until(Idle, 5.0);
         let begun_before = matches!(phase, Flip | Measure | Recover);
-        assert_eq!(
-            results(&rig).len(),
-            usize::from(begun_before),
-            "{phase:?}: a flip ends first"
-        );
+        assert_eq!(results(&rig).len(), usize::from(begun_before), "{phase:?}: a flip ends first");
         assert!(rig.starts.iter().all(|(at, _)| *at <= ordered_at), "{phase:?}");
         rig.run(5.0);
         assert_eq!(rig.phase(), Idle, "{phase:?}");
@@ -140,11 +114,7 @@ fn a_front_door_that_is_gone_lands_the_vehicle_until_a_new_order() {
     assert!(rig.events.contains(&"order-missing".to_owned()));
     rig.faults.nobody_orders = false;
     rig.run(5.0);
-    assert_eq!(
-        rig.phase(),
-        FlipPhase::Done,
-        "the old order does not make it rise"
-    );
+    assert_eq!(rig.phase(), FlipPhase::Done, "the old order does not make it rise");
     order(&mut rig, OrderKind::Fly);
     rig.run_until(FlipPhase::Flip, 5.0);
 }
@@ -159,10 +129,7 @@ fn an_upload_without_echo_is_repeated_and_then_given_up() {
         _ => None,
     });
     assert_eq!(uploads.len(), 10);
-    assert!(
-        uploads.windows(2).all(|pair| pair[0].1 == pair[1].1),
-        "the same set under the same identity"
-    );
+    assert!(uploads.windows(2).all(|pair| pair[0].1 == pair[1].1), "the same set under the same identity");
     assert!(rig.starts.is_empty());
     assert!(rig.events.contains(&"upload-failed".to_owned()));
 }
@@ -193,10 +160,7 @@ fn a_start_without_answer_is_repeated_for_half_a_second_under_one_identity() {
     rig.run_until(FlipPhase::Flip, 2.0);
     let second = rig.starts.last().unwrap().1;
     assert_eq!(second.maneuver_id, starts[0].1.maneuver_id + 1);
-    assert_eq!(
-        second.set_id, starts[0].1.set_id,
-        "the vehicle had the set already"
-    );
+    assert_eq!(second.set_id, starts[0].1.set_id, "the vehicle had the set already");
 }
 
 #[test]
@@ -251,10 +215,7 @@ fn an_end_the_cameras_missed_is_unmeasured() {
     rig.faults.endless = true;
     rig.run_until(FlipPhase::Flip, 5.0);
     rig.run(0.9);
-    rig.faults = Faults {
-        dark: true,
-        ..Faults::default()
-    };
+    rig.faults = Faults { dark: true, ..Faults::default() };
     rig.run_until(FlipPhase::Recover, 2.0);
     assert_eq!(results(&rig)[0].1.outcome, FlipOutcome::Unmeasured);
     assert!(rig.events.contains(&"flip-unmeasured".to_owned()));
@@ -288,12 +249,7 @@ fn a_result_is_repeated_until_the_learner_answers() {
     assert_eq!(rig.phase(), FlipPhase::Gate, "old parameters are not flown again");
     rig.parameters.iteration = 1;
     rig.run(1.0);
-    let told = |rig: &Rig| {
-        results(rig)
-            .iter()
-            .filter(|(_, result)| result.iteration == 0)
-            .count()
-    };
+    let told = |rig: &Rig| results(rig).iter().filter(|(_, result)| result.iteration == 0).count();
     let told_before = told(&rig);
     rig.run(3.0);
     assert_eq!(told(&rig), told_before);
@@ -301,10 +257,9 @@ fn a_result_is_repeated_until_the_learner_answers() {
 
 #[test]
 fn the_learners_verdict_lands_the_vehicle() {
-    for (verdict, event) in [
-        (LearnerVerdict::Finished, "learning-finished"),
-        (LearnerVerdict::Stopped, "learning-stopped"),
-    ] {
+    for (verdict, event) in
+        [(LearnerVerdict::Finished, "learning-finished"), (LearnerVerdict::Stopped, "learning-stopped")]
+    {
         let mut rig = Rig::new();
         rig.run_until(FlipPhase::Flip, 5.0);
         rig.parameters.verdict = verdict;
@@ -313,11 +268,7 @@ fn the_learners_verdict_lands_the_vehicle() {
         assert_eq!(results(&rig).len(), 1);
         order(&mut rig, OrderKind::Fly);
         rig.run(5.0);
-        assert_eq!(
-            rig.phase(),
-            FlipPhase::Done,
-            "nothing left to fly: it does not rise"
-        );
+        assert_eq!(rig.phase(), FlipPhase::Done, "nothing left to fly: it does not rise");
     }
 }
 
@@ -337,10 +288,7 @@ fn a_low_battery_ends_the_work_on_the_ground_and_in_the_air() {
     rig.run_until(FlipPhase::Flip, 5.0);
     rig.telemetry.battery_v = 9.95;
     rig.run(6.0);
-    assert!(
-        results(&rig).len() > 1,
-        "10.25 V at rest: the sag of the hover is not the battery's"
-    );
+    assert!(results(&rig).len() > 1, "10.25 V at rest: the sag of the hover is not the battery's");
 }
 
 #[test]
@@ -389,10 +337,7 @@ fn a_restart_below_a_flying_vehicle_neither_drops_it_nor_repeats_identities() {
     rig.kinematics = before.kinematics;
     rig.faults.nobody_orders = true;
     rig.run(1.0);
-    assert!(
-        goals(&rig).is_empty(),
-        "it says nothing before it knows the order"
-    );
+    assert!(goals(&rig).is_empty(), "it says nothing before it knows the order");
     rig.faults.nobody_orders = false;
     rig.run_until(FlipPhase::Flip, 5.0);
     assert!(goals(&rig).iter().all(|(_, kind)| *kind == GoalKind::Hover));
@@ -401,10 +346,7 @@ fn a_restart_below_a_flying_vehicle_neither_drops_it_nor_repeats_identities() {
     (orphan.telemetry, orphan.kinematics) = (before.telemetry, before.kinematics);
     orphan.faults.nobody_orders = true;
     orphan.run(4.0);
-    assert!(
-        orphan.phases().contains(&FlipPhase::Landing),
-        "nobody gives an order: it lands"
-    );
+    assert!(orphan.phases().contains(&FlipPhase::Landing), "nobody gives an order: it lands");
 }
 
 #[test]
@@ -462,16 +404,10 @@ fn same_inputs_same_outputs() {
 #[test]
 fn a_wrong_setting_is_refused_by_its_name() {
     let settings = arena("double-flip");
-    let start = Start {
-        at: Time::ZERO,
-        seed: Seed(1),
-        incarnation: 1,
-    };
+    let start = Start { at: Time::ZERO, seed: Seed(1), incarnation: 1 };
     let mut tuning: Tuning = settings.section("flip-manager").unwrap();
     assert_eq!(tuning, Tuning::default());
     tuning.gate.speed_m_s_max = f64::NAN;
-    let error = FlipManager::new(&settings, tuning, start)
-        .unwrap_err()
-        .to_string();
+    let error = FlipManager::new(&settings, tuning, start).unwrap_err().to_string();
     assert!(error.contains("[flip-manager.gate] speed_m_s_max"), "{error}");
 }

@@ -8,12 +8,8 @@ use crate::end_state::{Unmeasured, flip_error};
 use crate::poses::Poses;
 use crate::tuning::MeasureTuning;
 
-const PAPER: Departures = Departures {
-    thrust_ratio: 0.92,
-    gyro_ratio: 1.045,
-    inertia_ratio: 0.97,
-    inflow_s_m: 0.04,
-};
+const PAPER: Departures =
+    Departures { thrust_ratio: 0.92, gyro_ratio: 1.045, inertia_ratio: 0.97, inflow_s_m: 0.04 };
 
 fn poses(flight: &Flight) -> Poses {
     let mut poses = Poses::new(6.0);
@@ -50,21 +46,9 @@ fn median_errors(departures: &[Departures], cameras: &Cameras, clock_error: Span
 fn various() -> [Departures; 4] {
     [
         PAPER,
-        Departures {
-            thrust_ratio: 1.0,
-            gyro_ratio: 1.0,
-            inertia_ratio: 1.0,
-            inflow_s_m: 0.0,
-        },
-        Departures {
-            thrust_ratio: 0.85,
-            ..PAPER
-        },
-        Departures {
-            gyro_ratio: 0.97,
-            inflow_s_m: 0.02,
-            ..PAPER
-        },
+        Departures { thrust_ratio: 1.0, gyro_ratio: 1.0, inertia_ratio: 1.0, inflow_s_m: 0.0 },
+        Departures { thrust_ratio: 0.85, ..PAPER },
+        Departures { gyro_ratio: 0.97, inflow_s_m: 0.02, ..PAPER },
     ]
 }
 
@@ -76,12 +60,8 @@ fn medians_are_within_two_centimetres_five_centimetres_per_second_and_two_degree
 
 #[test]
 fn without_noise_the_fit_follows_the_kink_of_the_end() {
-    let perfect = Cameras {
-        position_noise_m: 0.0,
-        attitude_noise_rad: 0.0,
-        stamp_noise_s: 0.0,
-        dropout_ratio: 0.0,
-    };
+    let perfect =
+        Cameras { position_noise_m: 0.0, attitude_noise_rad: 0.0, stamp_noise_s: 0.0, dropout_ratio: 0.0 };
     let [position_m, velocity_m_s, theta_rad] = median_errors(&various(), &perfect, Span::ZERO);
     assert!(position_m < 1e-4 && velocity_m_s < 5e-3 && theta_rad < 5e-4);
 }
@@ -97,10 +77,7 @@ fn three_milliseconds_of_clock_error_are_still_within_the_limits() {
 
 #[test]
 fn a_tenth_of_the_frames_missing_changes_little() {
-    let cameras = Cameras {
-        dropout_ratio: 0.1,
-        ..CAMERAS
-    };
+    let cameras = Cameras { dropout_ratio: 0.1, ..CAMERAS };
     let [position_m, velocity_m_s, theta_rad] = median_errors(&various(), &cameras, Span::ZERO);
     assert!(position_m < 0.02 && velocity_m_s < 0.05 && theta_rad < 2f64.to_radians());
 }
@@ -121,10 +98,7 @@ fn wrong_poses_are_left_out_wherever_they_fall() {
         let found = recovered(&flight, Span::ZERO).unwrap();
         assert!((found.x_m - clean.x_m).abs() < 0.005, "pose {index}");
         assert!((found.vx_m_s - clean.vx_m_s).abs() < 0.05, "pose {index}");
-        assert!(
-            math::wrap_pi(found.theta_rad - clean.theta_rad).abs() < 0.02,
-            "pose {index}"
-        );
+        assert!(math::wrap_pi(found.theta_rad - clean.theta_rad).abs() < 0.02, "pose {index}");
     }
 }
 

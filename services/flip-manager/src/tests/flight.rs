@@ -50,11 +50,7 @@ const fn double_flip() -> [(f64, f64, f64); 5] {
     const HIGH: f64 = 21.025_641;
     const RATE: f64 = 27.925_268;
     let (u1, t1, t3, u5, t5) = (20.395_44, 0.160_92, 0.278_33, 20.309_11, 0.182_68);
-    let (a1, a2, a5) = (
-        (u1 - HIGH) / LEVER_M,
-        (HIGH - LOW) / (2.0 * LEVER_M),
-        (HIGH - u5) / LEVER_M,
-    );
+    let (a1, a2, a5) = ((u1 - HIGH) / LEVER_M, (HIGH - LOW) / (2.0 * LEVER_M), (HIGH - u5) / LEVER_M);
     let middle = (HIGH + LOW) / 2.0;
     [
         (t1, u1, a1),
@@ -106,10 +102,7 @@ impl Plane {
         let front = self.thrust_n[1] * inflow(climb - swing);
         let acceleration = 2.0 * (back + front) / MASS_KG;
         let angular = ARM_M * (back - front) / (INERTIA_KG_M2 * departures.inertia_ratio);
-        for (axis, a) in [acceleration * sin, acceleration * cos - 9.81]
-            .into_iter()
-            .enumerate()
-        {
+        for (axis, a) in [acceleration * sin, acceleration * cos - 9.81].into_iter().enumerate() {
             self.position_m[axis] += STEP_S * (self.velocity_m_s[axis] + 0.5 * STEP_S * a);
             self.velocity_m_s[axis] += STEP_S * a;
         }
@@ -179,16 +172,8 @@ impl Craft {
                 thrust_n: [hover_n; 2],
             },
             departures: *departures,
-            maneuver: Loop {
-                p_1_s: 240.0,
-                i_1_s2: 3600.0,
-                integral_rad: 0.0,
-            },
-            flight: Loop {
-                p_1_s: 40.0,
-                i_1_s2: 60.0,
-                integral_rad: 0.0,
-            },
+            maneuver: Loop { p_1_s: 240.0, i_1_s2: 3600.0, integral_rad: 0.0 },
+            flight: Loop { p_1_s: 40.0, i_1_s2: 60.0, integral_rad: 0.0 },
             held: (9.81, 0.0),
             hover_n,
         }
@@ -207,8 +192,7 @@ impl Craft {
             self.maneuver.thrusts_n(collective, rate - measured)
         } else {
             let (collective, rate) = self.held;
-            self.flight
-                .thrusts_n(collective / self.departures.thrust_ratio, rate - measured)
+            self.flight.thrusts_n(collective / self.departures.thrust_ratio, rate - measured)
         }
     }
 }

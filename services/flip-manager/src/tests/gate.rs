@@ -9,12 +9,7 @@ use super::rig::{Rig, arena};
 use crate::gate::{Situation, Unmet};
 use crate::tuning::GateTuning;
 
-const HALL: Hall = Hall {
-    width_m: 10.0,
-    depth_m: 10.0,
-    height_m: 10.0,
-    margin_m: 0.5,
-};
+const HALL: Hall = Hall { width_m: 10.0, depth_m: 10.0, height_m: 10.0, margin_m: 0.5 };
 const NOW: Time = Time::from_nanos(1_000_000_000_000);
 
 /// A situation in which everything holds, and what can be changed about it.
@@ -39,10 +34,7 @@ impl Case {
             state: VehicleState {
                 tracking: Tracking::Tracking,
                 estimated_for: NOW - Span::from_millis(12),
-                estimate: Kinematics {
-                    position_m: place_m,
-                    ..Kinematics::default()
-                },
+                estimate: Kinematics { position_m: place_m, ..Kinematics::default() },
                 valid_until: NOW + Span::from_millis(88),
                 ..VehicleState::default()
             },
@@ -93,41 +85,21 @@ fn each_threshold_holds_on_one_side_only() {
             |c| c.state.estimate.velocity_m_s.z = 0.2,
         ),
         (Unmet::TILT, |c| tilt(c, 4.99), |c| tilt(c, 5.01)),
-        (
-            Unmet::TILT,
-            |c| c.state.estimate.rate_rad_s.y = -0.49,
-            |c| c.state.estimate.rate_rad_s.y = -0.5,
-        ),
+        (Unmet::TILT, |c| c.state.estimate.rate_rad_s.y = -0.49, |c| c.state.estimate.rate_rad_s.y = -0.5),
         (Unmet::AGE, |c| age(c, 24_999), |c| age(c, 25_000)),
-        (
-            Unmet::AGE,
-            |c| c.state.valid_until = NOW,
-            |c| c.state.valid_until = NOW - Span::from_nanos(1),
-        ),
+        (Unmet::AGE, |c| c.state.valid_until = NOW, |c| c.state.valid_until = NOW - Span::from_nanos(1)),
         (Unmet::AGE, |_| (), |c| c.state.tracking = Tracking::Coasting),
-        (
-            Unmet::BATTERY,
-            |c| c.rest_v = Some(10.21),
-            |c| c.rest_v = Some(10.2),
-        ),
+        (Unmet::BATTERY, |c| c.rest_v = Some(10.21), |c| c.rest_v = Some(10.2)),
         (Unmet::BATTERY, |_| (), |c| c.rest_v = None),
         (Unmet::CLEARANCE, |c| c.nearest_m = 3.0, |c| c.nearest_m = 2.999),
         (Unmet::TELEMETRY, |c| report(c, 499), |c| report(c, 500)),
-        (
-            Unmet::TELEMETRY,
-            |_| (),
-            |c| c.telemetry.mode = FlightMode::LevelHold,
-        ),
+        (Unmet::TELEMETRY, |_| (), |c| c.telemetry.mode = FlightMode::LevelHold),
         (
             Unmet::TELEMETRY,
             |c| c.telemetry.maneuver_phase = ManeuverPhase::Completed,
             |c| c.telemetry.maneuver_phase = ManeuverPhase::Running,
         ),
-        (
-            Unmet::LOSS,
-            |c| c.height_loss_m = Some(3.5),
-            |c| c.height_loss_m = Some(3.501),
-        ),
+        (Unmet::LOSS, |c| c.height_loss_m = Some(3.5), |c| c.height_loss_m = Some(3.501)),
         (Unmet::LOSS, |_| (), |c| c.height_loss_m = None),
         (
             Unmet::HEIGHT,
@@ -172,28 +144,18 @@ fn clearance_is_measured_in_the_plane_of_the_flip() {
         (2.5, 2.5, core::f64::consts::FRAC_PI_4, true),
         (2.9, 2.9, core::f64::consts::FRAC_PI_4, false),
     ] {
-        let case = Case {
-            heading_rad,
-            ..Case::at(Vector::new(x, y, 5.0))
-        };
+        let case = Case { heading_rad, ..Case::at(Vector::new(x, y, 5.0)) };
         let expected = if open { 0 } else { Unmet::CLEARANCE };
         assert_eq!(case.unmet(), expected, "{x} {y} {heading_rad}");
     }
-    assert_eq!(
-        Case::at(Vector::new(0.0, 0.0, 8.01)).unmet(),
-        Unmet::CLEARANCE,
-        "too near to the net above"
-    );
+    assert_eq!(Case::at(Vector::new(0.0, 0.0, 8.01)).unmet(), Unmet::CLEARANCE, "too near to the net above");
 }
 
 #[test]
 fn another_vehicle_within_three_metres_closes_the_gate() {
     let other = |rig: &Rig, y_m: f64| VehicleState {
         vehicle: 2,
-        estimate: Kinematics {
-            position_m: Vector::new(0.0, y_m, 1.0),
-            ..Kinematics::default()
-        },
+        estimate: Kinematics { position_m: Vector::new(0.0, y_m, 1.0), ..Kinematics::default() },
         ..rig.state()
     };
     for (y_m, starts) in [(0.05, true), (-0.15, false)] {

@@ -70,13 +70,7 @@ fn parameters() -> ManeuverParameters {
         vehicle: 1,
         verdict: LearnerVerdict::Fly,
         flips: 2,
-        parameters: FlipParameters {
-            u1_m_s2: 20.4,
-            t1_s: 0.16,
-            t3_s: 0.28,
-            u5_m_s2: 20.3,
-            t5_s: 0.18,
-        },
+        parameters: FlipParameters { u1_m_s2: 20.4, t1_s: 0.16, t3_s: 0.28, u5_m_s2: 20.3, t5_s: 0.18 },
         rate_rad_s_max: 27.9,
         envelope_low_m_s2: 3.6,
         envelope_high_m_s2: 21.0,
@@ -94,26 +88,15 @@ impl Rig {
 
     pub(crate) fn with(arena: Arena, incarnation: u32) -> Self {
         let now = Time::ZERO + Span::from_secs(50);
-        let start = Start {
-            at: now,
-            seed: Seed(1),
-            incarnation,
-        };
+        let start = Start { at: now, seed: Seed(1), incarnation };
         let core = FlipManager::new(&arena, Tuning::default(), start).expect("defaults are good");
         Self {
             core,
             now,
             faults: Faults::default(),
-            order: ArenaOrder {
-                kind: OrderKind::Fly,
-                given_at: now,
-            },
+            order: ArenaOrder { kind: OrderKind::Fly, given_at: now },
             kinematics: Kinematics::default(),
-            telemetry: VehicleTelemetry {
-                vehicle: 1,
-                battery_v: 12.0,
-                ..VehicleTelemetry::default()
-            },
+            telemetry: VehicleTelemetry { vehicle: 1, battery_v: 12.0, ..VehicleTelemetry::default() },
             parameters: parameters(),
             said: Vec::new(),
             events: Vec::new(),
@@ -132,8 +115,7 @@ impl Rig {
         let mut out = Outbox::default();
         self.core.step(self.now, event, &mut out);
         let messages: Vec<Output> = out.take_messages().collect();
-        self.events
-            .extend(out.take_events().map(|event| event.name.to_string()));
+        self.events.extend(out.take_events().map(|event| event.name.to_string()));
         for message in messages {
             self.obey(&message);
             self.said.push((self.now, message));
@@ -153,11 +135,8 @@ impl Rig {
                 if !self.faults.deaf_to_starts && fits && self.telemetry.maneuver_id != start.maneuver_id {
                     self.telemetry.maneuver_id = start.maneuver_id;
                     self.telemetry.began_at = self.now;
-                    self.telemetry.maneuver_phase = if self.faults.refuses {
-                        ManeuverPhase::Refused
-                    } else {
-                        ManeuverPhase::Running
-                    };
+                    self.telemetry.maneuver_phase =
+                        if self.faults.refuses { ManeuverPhase::Refused } else { ManeuverPhase::Running };
                     if !self.faults.refuses {
                         self.telemetry.mode = FlightMode::Maneuver;
                     }
@@ -235,20 +214,12 @@ impl Rig {
             };
             let exposed_at = self.now - Span::from_millis(10);
             let bodies = vec![body].try_into().expect("one body fits");
-            self.hear(MocapFrame {
-                frame: self.step,
-                exposed_at,
-                received_at: self.now,
-                bodies,
-            });
+            self.hear(MocapFrame { frame: self.step, exposed_at, received_at: self.now, bodies });
             self.hear(self.state());
         }
         if self.step.is_multiple_of(4) && !self.faults.mute {
             let received_at = self.now;
-            self.hear(VehicleTelemetry {
-                received_at,
-                ..self.telemetry
-            });
+            self.hear(VehicleTelemetry { received_at, ..self.telemetry });
         }
         if self.step % 100 == 1 {
             if !self.faults.nobody_orders {
@@ -307,9 +278,6 @@ impl Rig {
 
     /// Everything of one kind that was said, with its time.
     pub(crate) fn all<T>(&self, pick: impl Fn(&Output) -> Option<T>) -> Vec<(Time, T)> {
-        self.said
-            .iter()
-            .filter_map(|(at, output)| pick(output).map(|found| (*at, found)))
-            .collect()
+        self.said.iter().filter_map(|(at, output)| pick(output).map(|found| (*at, found))).collect()
     }
 }

@@ -8,40 +8,25 @@ use super::rig::{NO_NOISE, NOISE, Rig, arena};
 
 /// The gyro, thrust and inertia errors of the vehicle behind the paper's figures, as far as a planar model
 /// has them.
-const PAPER: Deviation = Deviation {
-    thrust: 0.92,
-    inertia: 0.97,
-    gyro: 1.045,
-    ..Deviation::NONE
-};
+const PAPER: Deviation = Deviation { thrust: 0.92, inertia: 0.97, gyro: 1.045, ..Deviation::NONE };
 
 /// After how many flips the error has fallen to a twentieth of the first and stays there.
 fn flips_to_a_twentieth(norms: &[f64]) -> usize {
-    norms
-        .iter()
-        .rposition(|norm| *norm > 0.05 * norms[0])
-        .map_or(0, |last| last + 1)
+    norms.iter().rposition(|norm| *norm > 0.05 * norms[0]).map_or(0, |last| last + 1)
 }
 
 #[test]
 fn the_figures_of_the_paper_converge_undistorted() {
-    for (scenario, flips_max) in [
-        ("single-flip", 30),
-        ("double-flip", 32),
-        ("triple-flip", 31),
-        ("rate-mismatch", 65),
-    ] {
+    for (scenario, flips_max) in
+        [("single-flip", 30), ("double-flip", 32), ("triple-flip", 31), ("rate-mismatch", 65)]
+    {
         let mut rig = Rig::new(scenario, PAPER, NO_NOISE, 1);
         let norms = rig.learn(1000);
         let flips = flips_to_a_twentieth(&norms);
         assert!(flips <= flips_max, "{scenario}: {flips} flips");
         assert_eq!(norms.len(), arena(scenario).scenario.flip.iterations as usize);
         assert_eq!(rig.word.verdict, LearnerVerdict::Finished);
-        assert!(
-            rig.events.is_empty(),
-            "{scenario}: neither clamp nor check may act: {:?}",
-            rig.events
-        );
+        assert!(rig.events.is_empty(), "{scenario}: neither clamp nor check may act: {:?}", rig.events);
     }
 }
 
@@ -49,18 +34,9 @@ fn the_figures_of_the_paper_converge_undistorted() {
 fn a_slow_vehicle_with_the_triples_parameters_learns_a_double() {
     let mut rig = Rig::new("rate-mismatch", PAPER, NO_NOISE, 1);
     rig.learn(1000);
-    let case = deviate(
-        &rig.model,
-        &rig.design,
-        &rig.flown(),
-        Discretisation::Hold800,
-        &rig.deviation,
-    )
-    .unwrap();
-    assert!(
-        (case.error.theta_rad + core::f64::consts::TAU).abs() < 0.05,
-        "one turn short of three"
-    );
+    let case =
+        deviate(&rig.model, &rig.design, &rig.flown(), Discretisation::Hold800, &rig.deviation).unwrap();
+    assert!((case.error.theta_rad + core::f64::consts::TAU).abs() < 0.05, "one turn short of three");
 }
 
 #[test]
@@ -80,11 +56,7 @@ fn a_triple_is_learned_as_far_off_as_the_updates_limits() {
         settings.scenario.flip.iterations = 120;
         let mut rig = Rig::of(&settings, deviation, NO_NOISE, 1);
         let norms = rig.learn(120);
-        assert!(
-            flips_to_a_twentieth(&norms) <= 100,
-            "{deviation:?}: {:?}",
-            rig.word.reason
-        );
+        assert!(flips_to_a_twentieth(&norms) <= 100, "{deviation:?}: {:?}", rig.word.reason);
     }
 }
 
@@ -104,31 +76,18 @@ fn the_first_step_is_that_of_the_paper() {
     let mut rig = Rig::new("double-flip", PAPER, NO_NOISE, 1);
     let solution = solve(&rig.model, &rig.design, Discretisation::Continuous).unwrap();
     let (before, error) = (rig.word.parameters, rig.fly());
-    let before = [
-        before.u1_m_s2,
-        before.t1_s,
-        before.t3_s,
-        before.u5_m_s2,
-        before.t5_s,
-    ];
+    let before = [before.u1_m_s2, before.t1_s, before.t3_s, before.u5_m_s2, before.t5_s];
     assert_eq!(before, solution.parameters.to_array());
     // An error a whole turn further is the same error.
     rig.tell(
         FlipOutcome::Completed,
-        FinalError {
-            theta_rad: error.theta_rad + core::f64::consts::TAU,
-            ..error
-        },
+        FinalError { theta_rad: error.theta_rad + core::f64::consts::TAU, ..error },
     );
     let after = rig.word.parameters;
     let after = [after.u1_m_s2, after.t1_s, after.t3_s, after.u5_m_s2, after.t5_s];
     // J (P1 - P0) = -gamma E, with gamma 0.1.
     for (row, expected) in solution.jacobian.iter().zip(error.to_array()) {
-        let moved: f64 = row
-            .iter()
-            .zip(after.iter().zip(before))
-            .map(|(j, (a, b))| j * (a - b))
-            .sum();
+        let moved: f64 = row.iter().zip(after.iter().zip(before)).map(|(j, (a, b))| j * (a - b)).sum();
         assert!((moved + 0.1 * expected).abs() < 1e-9, "{moved} {expected}");
     }
 }

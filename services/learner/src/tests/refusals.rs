@@ -16,15 +16,7 @@ fn rig() -> Rig {
 }
 
 fn built(arena: &Arena) -> Result<Learner, ConfigError> {
-    Learner::new(
-        arena,
-        Tuning::default(),
-        Start {
-            at: Time::ZERO,
-            seed: Seed(1),
-            incarnation: 1,
-        },
-    )
+    Learner::new(arena, Tuning::default(), Start { at: Time::ZERO, seed: Seed(1), incarnation: 1 })
 }
 
 #[test]
@@ -54,29 +46,16 @@ fn a_driver_that_is_late_makes_one_word_of_many() {
 #[test]
 fn vehicles_of_one_kind_get_the_same_parameters() {
     let rig = Rig::new("fleet", Deviation::NONE, NO_NOISE, 1);
-    let words: Vec<ManeuverParameters> = rig
-        .said
-        .iter()
-        .map(|Output::Parameters(word)| word.clone())
-        .collect();
-    assert_eq!(
-        words.iter().map(|word| word.vehicle).collect::<Vec<_>>(),
-        [1, 2, 3]
-    );
-    assert!(
-        words
-            .windows(2)
-            .all(|pair| pair[0].parameters == pair[1].parameters)
-    );
+    let words: Vec<ManeuverParameters> =
+        rig.said.iter().map(|Output::Parameters(word)| word.clone()).collect();
+    assert_eq!(words.iter().map(|word| word.vehicle).collect::<Vec<_>>(), [1, 2, 3]);
+    assert!(words.windows(2).all(|pair| pair[0].parameters == pair[1].parameters));
 }
 
 #[test]
 fn a_repeated_result_is_learned_once() {
     let mut rig = rig();
-    let error = FinalError {
-        x_m: 0.5,
-        ..FinalError::default()
-    };
+    let error = FinalError { x_m: 0.5, ..FinalError::default() };
     rig.tell(FlipOutcome::Completed, error);
     let word = rig.word.clone();
     let parameters = word.parameters;
@@ -84,33 +63,18 @@ fn a_repeated_result_is_learned_once() {
         vehicle: 1,
         iteration: 0,
         parameters,
-        error: FlipError {
-            x_m: 0.5,
-            ..FlipError::default()
-        },
+        error: FlipError { x_m: 0.5, ..FlipError::default() },
         ..ManeuverResult::default()
     };
     rig.drive(Event::Input(Input::Result(again)));
-    rig.drive(Event::Input(Input::Result(ManeuverResult {
-        vehicle: 9,
-        iteration: 7,
-        ..again
-    })));
+    rig.drive(Event::Input(Input::Result(ManeuverResult { vehicle: 9, iteration: 7, ..again })));
     assert_eq!(rig.word, word);
     assert_eq!(rig.said.len(), 2, "nothing new to say");
 }
 
 #[test]
 fn a_restarted_learner_goes_on_from_what_was_flown() {
-    let mut before = Rig::new(
-        "double-flip",
-        Deviation {
-            thrust: 0.9,
-            ..Deviation::NONE
-        },
-        NO_NOISE,
-        1,
-    );
+    let mut before = Rig::new("double-flip", Deviation { thrust: 0.9, ..Deviation::NONE }, NO_NOISE, 1);
     before.learn(20);
     let error = before.fly();
     let mut after = Rig::new("double-flip", before.deviation, NO_NOISE, 1);
@@ -142,24 +106,12 @@ fn flips_without_a_measured_end_are_flown_again_and_five_stop() {
         let mut rig = rig();
         let parameters = rig.word.parameters;
         for flip in 1..5 {
-            rig.tell(
-                outcome,
-                FinalError {
-                    x_m: 3.0,
-                    ..FinalError::default()
-                },
-            );
-            assert_eq!(
-                (rig.word.iteration, rig.word.verdict),
-                (flip, LearnerVerdict::Fly)
-            );
+            rig.tell(outcome, FinalError { x_m: 3.0, ..FinalError::default() });
+            assert_eq!((rig.word.iteration, rig.word.verdict), (flip, LearnerVerdict::Fly));
             assert_eq!(rig.word.parameters, parameters);
         }
         rig.tell(outcome, FinalError::default());
-        assert_eq!(
-            (rig.word.iteration, rig.word.verdict),
-            (5, LearnerVerdict::Stopped)
-        );
+        assert_eq!((rig.word.iteration, rig.word.verdict), (5, LearnerVerdict::Stopped));
         assert!(rig.word.reason.contains("5"), "{:?}", rig.word.reason);
         assert_eq!(rig.events, ["learning-stopped"]);
         let word = rig.word.clone();
@@ -171,15 +123,7 @@ fn flips_without_a_measured_end_are_flown_again_and_five_stop() {
 #[test]
 fn a_flip_that_runs_away_is_stopped() {
     // Turned so far off at the start that every correction makes it worse.
-    let mut rig = Rig::new(
-        "rate-mismatch",
-        Deviation {
-            gyro: 0.95,
-            ..Deviation::NONE
-        },
-        NO_NOISE,
-        1,
-    );
+    let mut rig = Rig::new("rate-mismatch", Deviation { gyro: 0.95, ..Deviation::NONE }, NO_NOISE, 1);
     let norms = rig.learn(1000);
     assert_eq!(rig.word.verdict, LearnerVerdict::Stopped);
     assert!((5..30).contains(&norms.len()), "{}", norms.len());
@@ -190,13 +134,7 @@ fn a_flip_that_runs_away_is_stopped() {
 fn the_papers_first_triple_flip_does_not_stop_the_learning() {
     let mut rig = Rig::new("triple-flip", Deviation::NONE, NO_NOISE, 1);
     for _ in 0..6 {
-        let error = FinalError {
-            x_m: -1.0,
-            z_m: -2.0,
-            vx_m_s: -4.0,
-            vz_m_s: -2.0,
-            theta_rad: -1.0,
-        };
+        let error = FinalError { x_m: -1.0, z_m: -2.0, vx_m_s: -4.0, vz_m_s: -2.0, theta_rad: -1.0 };
         rig.tell(FlipOutcome::Completed, error);
         assert_eq!(rig.word.verdict, LearnerVerdict::Fly);
     }
@@ -214,20 +152,13 @@ fn a_flip_the_model_cannot_fly_is_a_wrong_setting() {
     assert!(error.to_string().contains("least residual 0.2"), "{error}");
     let mut settings = arena("double-flip");
     settings.scenario.flip.flown_rate_rad_s = 1801f64.to_radians();
-    assert!(matches!(
-        built(&settings).unwrap_err(),
-        ConfigError::OutOfRange { .. }
-    ));
+    assert!(matches!(built(&settings).unwrap_err(), ConfigError::OutOfRange { .. }));
 }
 
 #[test]
 fn a_wrong_setting_is_refused_by_its_name() {
     let settings = arena("double-flip");
-    let start = Start {
-        at: Time::ZERO,
-        seed: Seed(1),
-        incarnation: 1,
-    };
+    let start = Start { at: Time::ZERO, seed: Seed(1), incarnation: 1 };
     let mut tuning: Tuning = settings.section("learner").unwrap();
     assert_eq!(tuning, Tuning::default());
     tuning.check.spread_ratio = f64::NAN;
@@ -247,13 +178,7 @@ fn a_place_too_low_for_the_first_flip_is_told_and_not_flown() {
 
 /// What a vehicle's limits and the room at its place allow, checked apart from the learner's own code.
 fn flyable(word: &ManeuverParameters) -> bool {
-    let FlipParameters {
-        u1_m_s2,
-        t1_s,
-        t3_s,
-        u5_m_s2,
-        t5_s,
-    } = word.parameters;
+    let FlipParameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s } = word.parameters;
     let (low, high) = (word.envelope_low_m_s2, word.envelope_high_m_s2);
     let a1 = -(high - u1_m_s2) / word.lever_m;
     let a2 = (high - low) / (2.0 * word.lever_m);
@@ -261,9 +186,7 @@ fn flyable(word: &ManeuverParameters) -> bool {
     let t2_s = (word.rate_rad_s_max - a1 * t1_s) / a2;
     let t4_s = (word.rate_rad_s_max + a5 * t5_s) / a2;
     let rates = [a1 * t1_s, word.rate_rad_s_max, -a5 * t5_s];
-    [u1_m_s2, low, high, u5_m_s2]
-        .iter()
-        .all(|u| (0.68..=23.9).contains(u))
+    [u1_m_s2, low, high, u5_m_s2].iter().all(|u| (0.68..=23.9).contains(u))
         && [t1_s, t2_s, t3_s, t4_s, t5_s].iter().all(|t| *t > 0.004)
         && t1_s + t2_s + t3_s + t4_s + t5_s <= 4.0
         && (t1_s + t2_s + t3_s + t4_s + t5_s - word.duration_s).abs() < 1e-9

@@ -41,11 +41,7 @@ pub(crate) fn arena(scenario: &str) -> Arena {
 }
 
 pub(crate) fn learner(arena: &Arena) -> Learner {
-    let start = Start {
-        at: Time::ZERO,
-        seed: Seed(1),
-        incarnation: 1,
-    };
+    let start = Start { at: Time::ZERO, seed: Seed(1), incarnation: 1 };
     Learner::new(arena, Tuning::default(), start).expect("the repository's own settings are good")
 }
 
@@ -59,17 +55,10 @@ impl Rig {
             settings::Integral::Literal => Integral::Literal,
             settings::Integral::Conditional => Integral::Conditional,
         };
-        let model = Model {
-            integral,
-            ..Model::TABLE_I
-        };
+        let model = Model { integral, ..Model::TABLE_I };
         let flip = &arena.scenario.flip;
         let envelope = Envelope::with_margin(&model, flip.envelope_margin_ratio).expect("a good margin");
-        let design = FlipDesign {
-            flips: flip.flips,
-            rate_rad_s_max: flip.flown_rate_rad_s,
-            envelope,
-        };
+        let design = FlipDesign { flips: flip.flips, rate_rad_s_max: flip.flown_rate_rad_s, envelope };
         let mut rig = Self {
             core: learner(arena),
             now: Time::ZERO,
@@ -89,8 +78,7 @@ impl Rig {
     pub(crate) fn drive(&mut self, event: Event<Input>) {
         let mut out = Outbox::default();
         self.core.step(self.now, event, &mut out);
-        self.events
-            .extend(out.take_events().map(|event| event.name.to_string()));
+        self.events.extend(out.take_events().map(|event| event.name.to_string()));
         for output in out.take_messages() {
             let Output::Parameters(word) = &output;
             if word.vehicle == 1 {
@@ -110,14 +98,8 @@ impl Rig {
     /// Where the flip of the learner's word ends.
     pub(crate) fn fly(&mut self) -> FinalError {
         let parameters = self.flown();
-        let case = deviate(
-            &self.model,
-            &self.design,
-            &parameters,
-            Discretisation::Hold800,
-            &self.deviation,
-        )
-        .expect("what the learner orders is a flip");
+        let case = deviate(&self.model, &self.design, &parameters, Discretisation::Hold800, &self.deviation)
+            .expect("what the learner orders is a flip");
         let mut error = case.error.wrapped().to_array();
         for (part, sigma) in error.iter_mut().zip(self.noise) {
             *part += sigma * self.random.gaussian();
@@ -128,32 +110,14 @@ impl Rig {
     /// Tells the learner how a flip ended.
     pub(crate) fn tell(&mut self, outcome: FlipOutcome, error: FinalError) {
         let [u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s] = self.flown().to_array();
-        let FinalError {
-            x_m,
-            z_m,
-            vx_m_s,
-            vz_m_s,
-            theta_rad,
-        } = error;
+        let FinalError { x_m, z_m, vx_m_s, vz_m_s, theta_rad } = error;
         self.now += Span::from_secs(6);
         self.drive(Event::Input(Input::Result(ManeuverResult {
             vehicle: 1,
             iteration: self.word.iteration,
             outcome,
-            parameters: schemas::FlipParameters {
-                u1_m_s2,
-                t1_s,
-                t3_s,
-                u5_m_s2,
-                t5_s,
-            },
-            error: FlipError {
-                x_m,
-                z_m,
-                vx_m_s,
-                vz_m_s,
-                theta_rad,
-            },
+            parameters: schemas::FlipParameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s },
+            error: FlipError { x_m, z_m, vx_m_s, vz_m_s, theta_rad },
             ..ManeuverResult::default()
         })));
     }

@@ -12,11 +12,7 @@ use super::*;
 const START: Time = Time::from_nanos(7_000_000_000_123);
 
 fn arena(scenario: &str) -> Arena {
-    Arena::load(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"),
-        scenario,
-    )
-    .unwrap()
+    Arena::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"), scenario).unwrap()
 }
 
 fn simulation(scenario: &str) -> Simulation {
@@ -42,11 +38,7 @@ fn said(simulation: &mut Simulation, until: Time) -> Vec<(&'static str, Time, Ve
 /// A command-link frame to vehicle 1.
 fn command(at: Time) -> Arrival {
     let channels = CommandFrame::default().encode(1).unwrap();
-    Arrival {
-        at,
-        port: Ports::command_link(1),
-        bytes: sbus::Frame::new(channels).encode().to_vec(),
-    }
+    Arrival { at, port: Ports::command_link(1), bytes: sbus::Frame::new(channels).encode().to_vec() }
 }
 
 #[test]
@@ -63,10 +55,7 @@ fn the_truth_is_told_of_every_vehicle_every_20_ms() {
         assert_eq!(at, expected);
     }
     let frames = all.iter().filter(|(kind, ..)| *kind == "vicon").count();
-    assert!(
-        (15..=21).contains(&frames),
-        "{frames} frames of 200 Hz in 105 ms less latency"
-    );
+    assert!((15..=21).contains(&frames), "{frames} frames of 200 Hz in 105 ms less latency");
 }
 
 #[test]
@@ -81,11 +70,7 @@ fn how_often_it_is_called_changes_nothing() {
     let end = START + Span::from_millis(600);
     while fine.now() < end {
         let next = fine.next_event().min(end);
-        assert!(
-            next > fine.now() || next == fine.now() && fine.now() == START,
-            "{next} at {}",
-            fine.now()
-        );
+        assert!(next > fine.now() || next == fine.now() && fine.now() == START, "{next} at {}", fine.now());
         fine_said.extend(said(&mut fine, next));
     }
     let coarse_said = said(&mut coarse, end);
@@ -95,29 +80,14 @@ fn how_often_it_is_called_changes_nothing() {
 
 #[test]
 fn bytes_act_at_their_arrival_whatever_the_order_they_were_read_in() {
-    let arrivals: Vec<_> = (0..20)
-        .map(|k| command(START + Span::from_millis(20 * k + 3)))
-        .collect();
+    let arrivals: Vec<_> = (0..20).map(|k| command(START + Span::from_millis(20 * k + 3))).collect();
     let (mut forward, mut backward) = (simulation("double-flip"), simulation("double-flip"));
-    arrivals
-        .iter()
-        .cloned()
-        .for_each(|arrival| forward.receive(arrival));
-    arrivals
-        .iter()
-        .rev()
-        .cloned()
-        .for_each(|arrival| backward.receive(arrival));
+    arrivals.iter().cloned().for_each(|arrival| forward.receive(arrival));
+    arrivals.iter().rev().cloned().for_each(|arrival| backward.receive(arrival));
     let end = START + Span::from_millis(500);
     assert_eq!(said(&mut forward, end), said(&mut backward, end));
-    assert_eq!(
-        forward.plant.command_link_counts(1),
-        backward.plant.command_link_counts(1)
-    );
-    assert_ne!(
-        forward.plant.command_link_counts(1),
-        simulation("double-flip").plant.command_link_counts(1)
-    );
+    assert_eq!(forward.plant.command_link_counts(1), backward.plant.command_link_counts(1));
+    assert_ne!(forward.plant.command_link_counts(1), simulation("double-flip").plant.command_link_counts(1));
 }
 
 #[test]
@@ -126,10 +96,7 @@ fn bytes_of_the_past_act_at_once_and_time_does_not_go_back() {
     said(&mut simulation, START + Span::from_millis(100));
     simulation.receive(command(START + Span::from_millis(50)));
     let all = said(&mut simulation, START + Span::from_millis(200));
-    assert!(
-        all.iter().all(|(_, at, _)| *at > START + Span::from_millis(80)),
-        "{all:?}"
-    );
+    assert!(all.iter().all(|(_, at, _)| *at > START + Span::from_millis(80)), "{all:?}");
     assert!(simulation.inbox.is_empty());
     assert_eq!(simulation.now(), START + Span::from_millis(200));
 }
