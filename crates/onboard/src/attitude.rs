@@ -340,4 +340,57 @@ mod tests {
         }
         assert!(own.vertical().unwrap().speed_m_s.abs() < 0.05, "{own:?}");
     }
+
+    /// Level flight with gyros off by this much, hints every 20 ms, for so long.
+    fn hinted_with_gyro_bias(own: &mut OwnState, bias_rad_s: Vector<Body>, seconds: u32) {
+        for tick in 0..seconds * LOOP_HZ as u32 {
+            own.predict(bias_rad_s, Vector::new(0.0, 0.0, GRAVITY_M_S2), DT_S, Going::Led, &SETTINGS);
+            if tick % 16 == 0 {
+                own.correct(&frame(0.0, 0.0, 4.0, 0.0), bias_rad_s, &SETTINGS);
+            }
+        }
+    }
+
+    #[test]
+    fn a_biased_gyro_is_learned_in_flight_and_anew_after_a_maneuver() {
+        let mut own = known(0.0, 0.0);
+        for bias_rad_s in [Vector::new(0.005, -0.004, 0.0), Vector::new(-0.03, 0.02, 0.0)] {
+            own.maneuver_ended();
+            hinted_with_gyro_bias(&mut own, bias_rad_s, 8);
+            assert!((own.gyro_bias_rad_s - bias_rad_s).norm() < 0.001, "{own:?}");
+            let mut left = own;
+            for _ in 0..5 * LOOP_HZ as u32 {
+                left.predict(
+                    bias_rad_s,
+                    Vector::new(0.0, 0.0, GRAVITY_M_S2),
+                    DT_S,
+                    Going::Otherwise,
+                    &SETTINGS,
+                );
+            }
+            assert!(left.tilt_rad().unwrap() < 0.005, "{left:?}");
+        }
+    }
+
+    #[test]
+    fn neither_a_fast_turn_nor_a_far_hint_is_taken_for_a_gyros_bias() {
+        let mut own = known(0.0, 0.0);
+        own.correct(&frame(0.04, 0.0, 4.0, 0.0), Vector::new(0.0, 3.0, 0.0), &SETTINGS);
+        own.correct(&frame(0.2, 0.0, 4.0, 0.0), Vector::ZERO, &SETTINGS);
+        assert_eq!(own.gyro_bias_rad_s, Vector::ZERO);
+    }
+
+    #[test]
+    fn what_a_maneuver_did_to_the_speed_is_not_taken_for_the_accelerometers_error() {
+        let mut own = known(0.0, 0.0);
+        let level = Vector::new(0.0, 0.0, GRAVITY_M_S2);
+        hinted_with_gyro_bias(&mut own, Vector::ZERO, 2);
+        own.vertical = Some(Vertical { height_m: 4.0, speed_m_s: -1.5 });
+        own.maneuver_ended();
+        hinted_with_gyro_bias(&mut own, Vector::ZERO, 1);
+        for _ in 0..6 * LOOP_HZ as u32 {
+            own.predict(Vector::ZERO, level, DT_S, Going::Alone, &SETTINGS);
+        }
+        assert!(own.vertical().unwrap().speed_m_s.abs() < 0.01, "{own:?}");
+    }
 }

@@ -129,3 +129,81 @@ impl ThrustRatio {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{FirmwareSettings, LOOP_HZ};
+
+    const SETTINGS: DriftSettings = FirmwareSettings::table_i(1).attitude.drift;
+    const DT_S: f64 = 1.0 / LOOP_HZ;
+
+    /// A level vehicle that drag slows down, as its accelerometers feel it; its velocity after so long.
+    fn glide(drift: &mut Drift, drag_1_s: f64, from_m_s: f64, seconds: f64) -> f64 {
+        let mut speed_m_s = from_m_s;
+        for _ in 0..(seconds * LOOP_HZ) as u32 {
+            let felt = Vector::new(-drag_1_s * speed_m_s, 0.0, GRAVITY_M_S2);
+            drift.predict(Rotation::IDENTITY, felt, DT_S, 1.0, &SETTINGS);
+            speed_m_s -= drag_1_s * speed_m_s * DT_S;
+        }
+        speed_m_s
+    }
+
+    #[test]
+    fn the_speed_is_felt_within_a_tenth_of_a_second() {
+        for from_m_s in [-4.0, 1.0, 5.0] {
+            let mut drift = Drift::default();
+            let speed_m_s = glide(&mut drift, SETTINGS.drag_1_s, from_m_s, 0.1);
+            assert!((drift.velocity_m_s().x - speed_m_s).abs() < 0.1 * from_m_s.abs());
+            drift.reset();
+            assert_eq!(drift.velocity_m_s(), Vector::ZERO);
+        }
+    }
+
+    #[test]
+    fn a_wrong_drag_coefficient_keeps_the_direction() {
+        for drag_1_s in [0.5 * SETTINGS.drag_1_s, 2.0 * SETTINGS.drag_1_s] {
+            let mut drift = Drift::default();
+            let speed_m_s = glide(&mut drift, drag_1_s, 3.0, 0.5);
+            let ratio = drift.velocity_m_s().x / speed_m_s;
+            assert!((0.45..2.2).contains(&ratio), "{ratio}");
+        }
+    }
+
+    #[test]
+    fn a_tilt_that_is_not_there_is_turned_back() {
+        let mut drift = Drift::default();
+        // It believes itself pitched up front down, and at rest is level: no drag is felt.
+        let mut believed = Rotation::<Body, World>::from_yaw_pitch_roll(0.4, 0.1, 0.0);
+        for _ in 0..8 * LOOP_HZ as u32 {
+            let turn = drift.predict(believed, Vector::new(0.0, 0.0, GRAVITY_M_S2), DT_S, 1.0, &SETTINGS);
+            believed = believed.turned(believed.inverse() * (turn * DT_S));
+        }
+        assert!(believed.tilt_rad() < 0.01, "{}", believed.tilt_rad());
+    }
+
+    #[test]
+    fn the_accelerometers_error_across_is_the_mean_of_calm_flight() {
+        let mut drift = Drift::default();
+        let bias = Vector::new(0.1, -0.05, GRAVITY_M_S2);
+        for _ in 0..60 * LOOP_HZ as u32 {
+            drift.learn_bias(bias, DT_S, &SETTINGS);
+        }
+        assert!((drift.bias_m_s2 - Vector::new(0.1, -0.05, 0.0)).norm() < 0.02);
+    }
+
+    #[test]
+    fn weak_thrust_is_learned_and_idle_rotors_say_nothing() {
+        let mut thrust = ThrustRatio::new(&FirmwareSettings::table_i(1).airframe);
+        assert_eq!(thrust.ratio(), 1.0);
+        for _ in 0..2 * LOOP_HZ as u32 {
+            thrust.learn(9.0, 10.0, DT_S);
+            thrust.learn(9.8, 0.0, DT_S);
+        }
+        assert!((thrust.ratio() - 0.9).abs() < 0.003);
+        for _ in 0..8 * LOOP_HZ as u32 {
+            thrust.learn(150.0, 10.0, DT_S);
+        }
+        assert!(thrust.ratio() <= 1.3);
+    }
+}

@@ -4,8 +4,8 @@
 //! | Age of the last accepted command | Action |
 //! | --- | --- |
 //! | up to 100 ms (stale over 60 ms: no maneuver starts) | fly it |
-//! | over 100 ms | level on the vehicle's own attitude, hover thrust |
-//! | over 500 ms | descend level at 1 m/s |
+//! | over 100 ms | level on the vehicle's own attitude, braking the drift it feels, hover thrust |
+//! | over 500 ms | descend so, faster from high up, at 1 m/s close to the floor |
 //! | touchdown, land timer or emergency stop | motors off, latched until a person re-arms |
 //!
 //! A maneuver suspends this clock until a little after its planned end. A descent the ground orders ends

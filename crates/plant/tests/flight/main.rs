@@ -35,7 +35,9 @@ fn it_takes_off_hovers_and_lands() {
 
 #[test]
 fn a_minute_of_hovering_costs_the_charge_it_should() {
-    let mut ground = Ground::new(&arena(), 5);
+    let mut arena = arena();
+    arena.fleet[0].vehicle.plant.battery.hover_endurance_s = 1800.0;
+    let mut ground = Ground::new(&arena, 5);
     ground.hover_at(Vector::new(0.0, 0.0, 3.0));
     let before = ground.plant.truth(1).unwrap().battery_ratio;
     ground.run(60.0);

@@ -40,13 +40,21 @@ proptest! {
     #[test]
     fn in_how_many_calls_the_time_is_run_through_makes_no_difference(
         slices in prop::collection::vec(0..30_000_000_i64, 1..60), loss_ratio in 0.0..0.3_f64,
+        camera_hz in prop::sample::select(vec![37.0, 200.0]), delay_s in prop::sample::select(vec![0.0, 0.001, 0.008]),
     ) {
         let span = Span::from_millis(400);
-        let mut whole = arena(4);
+        // Cameras and radios so that the plant's events come at instants that depend on how far it was brought before.
+        let mut settings = settings();
+        for member in &mut settings.fleet {
+            member.vehicle.plant.camera.rate_hz = camera_hz;
+            member.vehicle.plant.data_link.delay_s = delay_s;
+        }
+        let arena = || VirtualArena::new(&settings, 4, &SERVICES, &node).unwrap();
+        let mut whole = arena();
         whole.network_mut().loss_ratio = loss_ratio;
         let end = whole.now() + span;
         whole.run_until(end, &mut |_| {});
-        let mut sliced = arena(4);
+        let mut sliced = arena();
         sliced.network_mut().loss_ratio = loss_ratio;
         for slice in slices {
             let until = (sliced.now() + Span::from_nanos(slice)).min(end);

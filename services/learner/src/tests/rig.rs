@@ -19,6 +19,8 @@ pub(crate) const NO_NOISE: [f64; 5] = [0.0; 5];
 
 /// A learner and its vehicle.
 pub(crate) struct Rig {
+    /// The scenario's first vehicle.
+    pub(crate) vehicle: u8,
     pub(crate) core: Learner,
     pub(crate) now: Time,
     pub(crate) model: Model,
@@ -60,6 +62,7 @@ impl Rig {
         let envelope = Envelope::with_margin(&model, flip.envelope_margin_ratio).expect("a good margin");
         let design = FlipDesign { flips: flip.flips, rate_rad_s_max: flip.flown_rate_rad_s, envelope };
         let mut rig = Self {
+            vehicle: arena.fleet[0].vehicle.id,
             core: learner(arena),
             now: Time::ZERO,
             model,
@@ -81,7 +84,7 @@ impl Rig {
         self.events.extend(out.take_events().map(|event| event.name.to_string()));
         for output in out.take_messages() {
             let Output::Parameters(word) = &output;
-            if word.vehicle == 1 {
+            if word.vehicle == self.vehicle {
                 self.word = word.clone();
             }
             self.said.push(output);
@@ -113,7 +116,7 @@ impl Rig {
         let FinalError { x_m, z_m, vx_m_s, vz_m_s, theta_rad } = error;
         self.now += Span::from_secs(6);
         self.drive(Event::Input(Input::Result(ManeuverResult {
-            vehicle: 1,
+            vehicle: self.vehicle,
             iteration: self.word.iteration,
             outcome,
             parameters: schemas::FlipParameters { u1_m_s2, t1_s, t3_s, u5_m_s2, t5_s },
