@@ -1,5 +1,6 @@
 //! The parameter set as the link carries it, and the identities of sets and maneuvers.
 
+use device::vehicle_link::digest_of;
 use schemas::{ManeuverParameters, ManeuverUpload};
 
 /// No flip lasts longer: a guard against numbers that are none.
@@ -43,7 +44,7 @@ pub(crate) fn upload(parameters: &ManeuverParameters, set_id: u16) -> Option<Man
         vehicle: parameters.vehicle,
         flips: parameters.flips,
         set_id,
-        digest: digest(&items),
+        digest: digest_of(&items),
         u1_m_s2,
         t1_s,
         t3_s,
@@ -53,13 +54,6 @@ pub(crate) fn upload(parameters: &ManeuverParameters, set_id: u16) -> Option<Man
         envelope_low_m_s2,
         envelope_high_m_s2,
         lever_m,
-    })
-}
-
-/// FNV-1a-64 over the items' little-endian bytes, as `device::vehicle_link` defines a set's digest.
-fn digest(items: &[f32]) -> u64 {
-    items.iter().flat_map(|item| item.to_le_bytes()).fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
     })
 }
 
