@@ -27,6 +27,30 @@ pub struct ArenaOrder {
     pub given_at: Time,
 }
 
+/// What an emergency order asks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Enumeration)]
+#[repr(u8)]
+pub enum StopKind {
+    /// Motors off now, latched.
+    #[default]
+    Stop = 0,
+    /// A person releases the latch.
+    Release = 1,
+}
+
+/// The emergency stop, and its release. Repeated at 50 Hz for a second; those with one `given_at` are one order, and one
+/// given before the newest changes nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Message, Serialize, Deserialize)]
+#[message(name = "flyarena/StopOrder")]
+pub struct StopOrder {
+    /// What is asked.
+    pub kind: StopKind,
+    /// The vehicle; zero for all.
+    pub vehicle: u8,
+    /// When it was given.
+    pub given_at: Time,
+}
+
 /// How grave an event is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Enumeration)]
 #[repr(u8)]
@@ -67,6 +91,8 @@ pub struct NodeHealth {
     pub node: Text<24>,
     /// When it started.
     pub started_at: Time,
+    /// XXH3-64 of the program's file, by which the programs of two arenas are compared; zero in virtual time.
+    pub program_digest: u64,
     /// Steps its core has made.
     pub steps: u64,
     /// Datagrams published.

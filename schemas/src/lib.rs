@@ -6,20 +6,28 @@
 
 mod arena;
 mod device;
+mod journal;
+mod latency;
+mod logger;
 mod maneuver;
 mod mocap;
 mod plant;
+mod replay;
 mod topic;
 mod vehicle;
 
-pub use arena::{ArenaOrder, NodeEvent, NodeHealth, OrderKind, Severity};
+pub use arena::{ArenaOrder, NodeEvent, NodeHealth, OrderKind, Severity, StopKind, StopOrder};
 pub use device::DeviceBytes;
+pub use journal::{JournalStep, JournalStream, NodeJournal};
+pub use latency::{LatencyHop, NodeLatency};
+pub use logger::{LoggerOrder, LoggerOrderKind, LoggerState, LoggerStatus};
 pub use maneuver::{
     FlipError, FlipOutcome, FlipParameters, FlipPhase, FlipStatus, LearnerVerdict, ManeuverAbort,
     ManeuverParameters, ManeuverResult, ManeuverStart, ManeuverUpload,
 };
 pub use mocap::{MocapBody, MocapFrame};
 pub use plant::{PlantManeuver, PlantTruth};
+pub use replay::{ReplayAnswer, ReplayClock, ReplayState};
 pub use topic::{Topic, topic_hash};
 pub use vehicle::{
     CommandMode, CommandSent, FlightMode, GoalKind, Kinematics, ManeuverPhase, Tracking, VehicleCommand,
@@ -29,8 +37,9 @@ pub use vehicle::{
 /// The topic table. One writer each; where a topic speaks of several vehicles, the message names its vehicle.
 pub mod topics {
     use super::{
-        ArenaOrder, CommandSent, DeviceBytes, FlipStatus, ManeuverAbort, ManeuverParameters, ManeuverResult,
-        ManeuverStart, ManeuverUpload, MocapFrame, NodeEvent, NodeHealth, PlantManeuver, PlantTruth, Topic,
+        ArenaOrder, CommandSent, DeviceBytes, FlipStatus, LoggerOrder, LoggerStatus, ManeuverAbort,
+        ManeuverParameters, ManeuverResult, ManeuverStart, ManeuverUpload, MocapFrame, NodeEvent, NodeHealth,
+        NodeJournal, NodeLatency, PlantManeuver, PlantTruth, ReplayAnswer, ReplayClock, StopOrder, Topic,
         VehicleCommand, VehicleGoal, VehicleState, VehicleTelemetry,
     };
 
@@ -59,7 +68,7 @@ pub mod topics {
         MANEUVER_ABORT: ManeuverAbort = "maneuver/abort", by "flip-manager", for ["radio-bridge"], at 1;
         /// The learner's next parameters.
         MANEUVER_PARAMETERS: ManeuverParameters = "maneuver/parameters", by "learner",
-            for ["flip-manager"], at 2;
+            for ["flip-manager"], at 2, latched;
         /// How each flip ended.
         MANEUVER_RESULT: ManeuverResult = "maneuver/result", by "flip-manager", for ["learner", "arena"], at 1;
         /// What the flip manager is doing.
@@ -69,11 +78,25 @@ pub mod topics {
         /// Bytes from the radios.
         RADIO_RX: DeviceBytes = "radio/rx", by "radio-bridge", for ["radio-bridge"], at 20;
         /// What people want.
-        ARENA_ORDER: ArenaOrder = "arena/order", by "arena", for ["flip-manager"], at 2;
+        ARENA_ORDER: ArenaOrder = "arena/order", by "arena", for ["flip-manager"], at 2, latched;
+        /// The emergency stop; needs no lease.
+        STOP_ORDER: StopOrder = "arena/stop", by "arena", for ["radio-bridge"], at 50;
         /// Faults and turns of events.
         NODE_EVENT: NodeEvent = "node/event", by "*", for ["arena"], at 1;
         /// How each node fares.
         NODE_HEALTH: NodeHealth = "node/health", by "*", for ["arena"], at 1;
+        /// What each node took, when, and what it said to it: what a re-execution needs.
+        NODE_JOURNAL: NodeJournal = "node/journal", by "*", for [], at 10;
+        /// Where the time goes, node by node; live only.
+        NODE_LATENCY: NodeLatency = "node/latency", by "*", for [], at 1;
+        /// How the recording fares.
+        LOGGER_STATUS: LoggerStatus = "logger/status", by "logger", for ["arena", "flip-manager"], at 2;
+        /// What people want of the logger.
+        LOGGER_ORDER: LoggerOrder = "logger/order", by "arena", for ["logger"], at 1;
+        /// The time of a replay, which every shell of the replay domain lives by.
+        REPLAY_CLOCK: ReplayClock = "replay/clock", by "playback", for [], at 200;
+        /// What each node of a replay in lock step answers to its clock.
+        REPLAY_ANSWER: ReplayAnswer = "node/replay-answer", by "*", for ["playback"], at 200;
         /// The truth, where there is a simulator to know it.
         PLANT_TRUTH: PlantTruth = "plant/truth", by "simulator", for [], at 50;
         /// How maneuvers truly ended.

@@ -19,6 +19,8 @@ pub struct Topic {
     pub readers: &'static [&'static str],
     /// Usual messages per second, of each vehicle where it speaks of vehicles.
     pub rate_hz: u32,
+    /// Whether its newest message is worth having for whoever comes late: playback sends it before anything else.
+    pub latched: bool,
     #[doc(hidden)]
     pub definition: OnceLock<(u64, String)>,
 }
@@ -65,8 +67,10 @@ pub const fn topic_hash(name: &str) -> u32 {
 
 /// Writes the topic table down once: a static per row, and all of them in order.
 macro_rules! table {
+    (@latched) => { false };
+    (@latched latched) => { true };
     ($(#[doc = $doc:literal] $row:ident: $message:ty = $name:literal, by $writer:literal,
-        for [$($reader:literal),*], at $rate:literal;)*) => {
+        for [$($reader:literal),*], at $rate:literal $(, $latched:ident)?;)*) => {
         $(#[doc = $doc]
         pub static $row: Topic = Topic {
             name: $name,
@@ -75,6 +79,7 @@ macro_rules! table {
             writer: $writer,
             readers: &[$($reader),*],
             rate_hz: $rate,
+            latched: $crate::topic::table!(@latched $($latched)?),
             definition: std::sync::OnceLock::new(),
         };)*
 

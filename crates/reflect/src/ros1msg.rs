@@ -123,7 +123,7 @@ fn enum_type(choice: &EnumSchema) -> &'static str {
 }
 
 /// `FlightMode` as `FLIGHT_MODE`.
-fn upper_snake(camel: &str) -> String {
+pub(crate) fn upper_snake(camel: &str) -> String {
     let mut out = String::new();
     for (i, letter) in camel.char_indices() {
         if i > 0 && letter.is_ascii_uppercase() {

@@ -1,21 +1,23 @@
-//! A body read by its schema, without its Rust type.
+//! A body read without its Rust type: by its [`Schema`], or by a [`Definition`](crate::Definition) met at run
+//! time.
+
+mod cursor;
+mod primitive;
 
 use core::fmt;
 
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Serialize, Serializer};
 
+pub(crate) use cursor::{Cursor, DEPTH_MAX};
+pub use primitive::Primitive;
+
 use crate::{EnumSchema, Kind, Schema};
 
-/// Messages within messages, at most.
-const DEPTH_MAX: u32 = 16;
-/// Values in one body, at most.
-const VALUES_MAX: u32 = 65_536;
-
-/// A value of any message. Serialises into what JSON readers expect: maps by field name, enumerations by
-/// name, times as `{sec, nsec}`.
+/// A value of any message; the names in it are those of the schema or definition it was read by. Serialises
+/// into what JSON readers expect: maps by field name, enumerations by name, times as `{sec, nsec}`.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Value {
+pub enum Value<'n> {
     /// True or false.
     Bool(bool),
     /// A signed number of any width.
@@ -33,23 +35,30 @@ pub enum Value {
         /// Nanoseconds past them.
         nsec: u32,
     },
+    /// A signed length of time. No message of ours has one; those of others may.
+    Duration {
+        /// Whole seconds.
+        sec: i32,
+        /// Nanoseconds past them.
+        nsec: i32,
+    },
     /// Text.
     Text(String),
     /// The elements of a sequence or an array.
     Seq(Vec<Self>),
     /// The fields of a message, in wire order.
-    Record(Vec<(&'static str, Self)>),
+    Record(Vec<(&'n str, Self)>),
     /// A named value.
     Enumeration {
         /// The number on the wire.
         value: u32,
         /// Its name.
-        name: &'static str,
+        name: &'n str,
     },
 }
 
 /// Why a body is not one of its schema.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ViewError {
     /// The body ends before its last field.
     Short {
@@ -80,7 +89,7 @@ pub enum ViewError {
     /// A number without a name.
     UnknownValue {
         /// The enumeration.
-        enumeration: &'static str,
+        enumeration: String,
         /// The number.
         value: u32,
     },
@@ -93,7 +102,7 @@ pub enum ViewError {
     TooComplex,
 }
 
-impl Value {
+impl Value<'static> {
     /// Reads a body by its schema.
     ///
     /// # Errors
@@ -101,11 +110,14 @@ impl Value {
     /// absurd size. One thing is not checked here, since this is for looking, not for acting: a quaternion's
     /// length, and that floats are finite.
     pub fn decode(schema: &'static Schema, body: &[u8]) -> Result<Self, ViewError> {
-        let mut reader = Reader { rest: body, values: 0 };
-        let value = reader.record(schema, 0)?;
-        if reader.rest.is_empty() { Ok(value) } else { Err(ViewError::Trailing { left: reader.rest.len() }) }
+        let mut cursor = Cursor::new(body);
+        let value = record(&mut cursor, schema, 0)?;
+        cursor.end()?;
+        Ok(value)
     }
+}
 
+impl Value<'_> {
     /// The value at a path of field names and indices: `bodies.0.position_m.x`.
     #[must_use]
     pub fn at(&self, path: &str) -> Option<&Self> {
@@ -126,115 +138,71 @@ impl Value {
             Self::F32(value) => f64::from(value),
             Self::F64(value) => value,
             Self::Time { sec, nsec } => f64::from(sec) + f64::from(nsec) * 1e-9,
+            Self::Duration { sec, nsec } => f64::from(sec) + f64::from(nsec) * 1e-9,
             Self::Enumeration { value, .. } => f64::from(value),
             Self::Text(_) | Self::Seq(_) | Self::Record(_) => return None,
         })
     }
 }
 
-struct Reader<'a> {
-    rest: &'a [u8],
-    values: u32,
+fn record(cursor: &mut Cursor<'_>, schema: &'static Schema, depth: u32) -> Result<Value<'static>, ViewError> {
+    cursor.check_depth(depth)?;
+    let mut fields = Vec::with_capacity(schema.fields.len());
+    for field in schema.fields {
+        fields.push((field.name, value(cursor, &field.kind, depth)?));
+    }
+    Ok(Value::Record(fields))
 }
 
-impl<'a> Reader<'a> {
-    fn bytes(&mut self, needed: usize) -> Result<&'a [u8], ViewError> {
-        let left = self.rest.len();
-        let (taken, rest) = self.rest.split_at_checked(needed).ok_or(ViewError::Short { needed, left })?;
-        self.rest = rest;
-        Ok(taken)
-    }
-
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], ViewError> {
-        let left = self.rest.len();
-        let (taken, rest) = self.rest.split_first_chunk().ok_or(ViewError::Short { needed: N, left })?;
-        self.rest = rest;
-        Ok(*taken)
-    }
-
-    fn u32(&mut self) -> Result<u32, ViewError> {
-        Ok(u32::from_le_bytes(self.array()?))
-    }
-
-    fn count(&mut self, bound: u32) -> Result<u32, ViewError> {
-        let length = self.u32()?;
-        if length > bound { Err(ViewError::TooLong { length, bound }) } else { Ok(length) }
-    }
-
-    fn record(&mut self, schema: &'static Schema, depth: u32) -> Result<Value, ViewError> {
-        if depth > DEPTH_MAX {
-            return Err(ViewError::TooComplex);
+fn value(cursor: &mut Cursor<'_>, kind: &Kind, depth: u32) -> Result<Value<'static>, ViewError> {
+    cursor.count_value()?;
+    Ok(match *kind {
+        Kind::Text { bound } => Value::Text(cursor.text(bound)?.to_owned()),
+        Kind::Seq { element, bound } => {
+            let count = cursor.count(bound)?;
+            elements(cursor, element, count, depth)?
         }
-        let mut fields = Vec::with_capacity(schema.fields.len());
-        for field in schema.fields {
-            fields.push((field.name, self.value(&field.kind, depth)?));
-        }
-        Ok(Value::Record(fields))
-    }
+        Kind::Array { element, length } => elements(cursor, element, length, depth)?,
+        Kind::Message(schema) => record(cursor, schema, depth + 1)?,
+        Kind::Enumeration(schema) => enumeration(cursor, schema)?,
+        Kind::Bool => cursor.primitive(Primitive::Bool)?,
+        Kind::I8 => cursor.primitive(Primitive::I8)?,
+        Kind::I16 => cursor.primitive(Primitive::I16)?,
+        Kind::I32 => cursor.primitive(Primitive::I32)?,
+        Kind::I64 => cursor.primitive(Primitive::I64)?,
+        Kind::U8 => cursor.primitive(Primitive::U8)?,
+        Kind::U16 => cursor.primitive(Primitive::U16)?,
+        Kind::U32 => cursor.primitive(Primitive::U32)?,
+        Kind::U64 => cursor.primitive(Primitive::U64)?,
+        Kind::F32 => cursor.primitive(Primitive::F32)?,
+        Kind::F64 => cursor.primitive(Primitive::F64)?,
+        Kind::Time => cursor.primitive(Primitive::Time)?,
+    })
+}
 
-    fn value(&mut self, kind: &Kind, depth: u32) -> Result<Value, ViewError> {
-        self.values += 1;
-        if self.values > VALUES_MAX {
-            return Err(ViewError::TooComplex);
-        }
-        Ok(match *kind {
-            Kind::Bool => match self.array()? {
-                [0] => Value::Bool(false),
-                [1] => Value::Bool(true),
-                [value] => return Err(ViewError::NotBool { value }),
-            },
-            Kind::I8 => Value::Signed(i8::from_le_bytes(self.array()?).into()),
-            Kind::I16 => Value::Signed(i16::from_le_bytes(self.array()?).into()),
-            Kind::I32 => Value::Signed(i32::from_le_bytes(self.array()?).into()),
-            Kind::I64 => Value::Signed(i64::from_le_bytes(self.array()?)),
-            Kind::U8 => Value::Unsigned(u8::from_le_bytes(self.array()?).into()),
-            Kind::U16 => Value::Unsigned(u16::from_le_bytes(self.array()?).into()),
-            Kind::U32 => Value::Unsigned(self.u32()?.into()),
-            Kind::U64 => Value::Unsigned(u64::from_le_bytes(self.array()?)),
-            Kind::F32 => Value::F32(f32::from_le_bytes(self.array()?)),
-            Kind::F64 => Value::F64(f64::from_le_bytes(self.array()?)),
-            Kind::Time => self.time()?,
-            Kind::Text { bound } => self.text(bound)?,
-            Kind::Seq { element, bound } => {
-                let count = self.count(bound)?;
-                self.elements(element, count, depth)?
-            }
-            Kind::Array { element, length } => self.elements(element, length, depth)?,
-            Kind::Message(schema) => self.record(schema, depth + 1)?,
-            Kind::Enumeration(schema) => self.enumeration(schema)?,
-        })
+fn elements(
+    cursor: &mut Cursor<'_>,
+    element: &Kind,
+    count: u32,
+    depth: u32,
+) -> Result<Value<'static>, ViewError> {
+    // No reservation by a count that the body may not hold: the vector grows as elements are found.
+    let mut elements = Vec::new();
+    for _ in 0..count {
+        elements.push(value(cursor, element, depth)?);
     }
+    Ok(Value::Seq(elements))
+}
 
-    fn time(&mut self) -> Result<Value, ViewError> {
-        let (sec, nsec) = (self.u32()?, self.u32()?);
-        if nsec < 1_000_000_000 { Ok(Value::Time { sec, nsec }) } else { Err(ViewError::BadTime { nsec }) }
-    }
-
-    fn text(&mut self, bound: u32) -> Result<Value, ViewError> {
-        let count = self.count(bound)?;
-        let text = core::str::from_utf8(self.bytes(count as usize)?).map_err(|_| ViewError::NotUtf8)?;
-        Ok(Value::Text(text.to_owned()))
-    }
-
-    fn elements(&mut self, element: &Kind, count: u32, depth: u32) -> Result<Value, ViewError> {
-        // No reservation by a count that the body may not hold: the vector grows as elements are found.
-        let mut elements = Vec::new();
-        for _ in 0..count {
-            elements.push(self.value(element, depth)?);
-        }
-        Ok(Value::Seq(elements))
-    }
-
-    fn enumeration(&mut self, schema: &'static EnumSchema) -> Result<Value, ViewError> {
-        let value = if schema.width == 1 { self.array::<1>()?[0].into() } else { self.u32()? };
-        match schema.name_of(value) {
-            Some(name) => Ok(Value::Enumeration { value, name }),
-            None => Err(ViewError::UnknownValue { enumeration: schema.name, value }),
-        }
+fn enumeration(cursor: &mut Cursor<'_>, schema: &'static EnumSchema) -> Result<Value<'static>, ViewError> {
+    let value = if schema.width == 1 { cursor.u8()?.into() } else { cursor.u32()? };
+    match schema.name_of(value) {
+        Some(name) => Ok(Value::Enumeration { value, name }),
+        None => Err(ViewError::UnknownValue { enumeration: schema.name.to_owned(), value }),
     }
 }
 
-impl Serialize for Value {
+impl Serialize for Value<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
             Self::Bool(value) => serializer.serialize_bool(*value),
@@ -243,6 +211,12 @@ impl Serialize for Value {
             Self::F32(value) => serializer.serialize_f32(*value),
             Self::F64(value) => serializer.serialize_f64(*value),
             Self::Time { sec, nsec } => {
+                let mut map = serializer.serialize_map(Some(2))?;
+                map.serialize_entry("sec", sec)?;
+                map.serialize_entry("nsec", nsec)?;
+                map.end()
+            }
+            Self::Duration { sec, nsec } => {
                 let mut map = serializer.serialize_map(Some(2))?;
                 map.serialize_entry("sec", sec)?;
                 map.serialize_entry("nsec", nsec)?;

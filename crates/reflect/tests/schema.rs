@@ -283,7 +283,10 @@ fn what_is_no_body_says_why() {
     let read = |body: &[u8]| Value::decode(Both::SCHEMA, body).expect_err("no body of that type");
     assert_eq!(read(&BOTH[..3]), ViewError::Short { needed: 4, left: 3 });
     assert_eq!(read(&[&BOTH[..], &[0, 0]].concat()), ViewError::Trailing { left: 2 });
-    assert_eq!(read(&[200, 0, 0, 0, 8, 0]), ViewError::UnknownValue { enumeration: "Mount", value: 8 });
+    assert_eq!(
+        read(&[200, 0, 0, 0, 8, 0]),
+        ViewError::UnknownValue { enumeration: "Mount".to_owned(), value: 8 }
+    );
     let read = |body: &[u8]| Value::decode(Show::SCHEMA, body).expect_err("no body of that type");
     let late = [0, 0, 0, 0, 0, 0xca, 0x9a, 0x3b];
     assert_eq!(read(&late), ViewError::BadTime { nsec: 1_000_000_000 });

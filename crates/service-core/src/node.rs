@@ -2,13 +2,14 @@
 
 use quantity::{Span, Time};
 use reflect::Text;
-use schemas::{DeviceBytes, NodeEvent, NodeHealth, Severity, Topic, topics};
+use schemas::{DeviceBytes, JournalStream, NodeHealth, NodeLatency, Topic, topics};
 use settings::{Arena, ConfigError};
 use wire::{Counters, Domain, DropReason, Keyring, Kind, Role, Secret, Windows};
 
-use crate::publisher::{Publisher, SayError};
+use crate::journal::{Cause, Journal};
+use crate::publisher::Publisher;
 use crate::sections::check_sections;
-use crate::{Core, Event, Inbound, Outbound, Outbox, Seed, Start};
+use crate::{Core, Event, Inbound, Outbound, Seed, Start, Stepper};
 
 /// How often definitions and health are announced.
 const ANNOUNCE_PERIOD: Span = Span::from_secs(1);
@@ -88,6 +89,15 @@ pub trait AnyNode {
     /// Tells the node that the kernel has dropped datagrams meant for it.
     fn overflowed(&mut self, datagrams: u64);
 
+    /// Tells the node what program it is part of, for its health: XXH3-64 of the program's file.
+    fn identify_program(&mut self, digest: u64);
+
+    /// Publishes what its driver has measured.
+    fn publish_latency(&mut self, now: Time, latency: &NodeLatency, sink: &mut Sink<'_>);
+
+    /// Says what is still to be said before the node ends: the rest of its journal.
+    fn close(&mut self, now: Time, sink: &mut Sink<'_>);
+
     /// What was accepted and dropped so far.
     fn counters(&self) -> &Counters;
 
@@ -97,8 +107,8 @@ pub trait AnyNode {
 
 /// What a datagram turned out to be.
 enum Taken<I> {
-    /// Something for the core.
-    Input(I),
+    /// Something for the core, and what the journal calls it.
+    Input(I, Cause),
     /// Somebody asks for the definition of a topic that this node writes.
     SchemaRequest(&'static Topic),
     /// Not for this node, and no fault of anybody.
@@ -108,8 +118,8 @@ enum Taken<I> {
 /// A core and everything between it and the bus.
 #[derive(Debug)]
 pub struct Node<C: Core> {
-    core: C,
-    outbox: Outbox<C::Output>,
+    stepper: Stepper<C>,
+    journal: Journal,
     publisher: Publisher,
     keyring: Keyring,
     windows: Windows,
@@ -122,9 +132,10 @@ pub struct Node<C: Core> {
     answer_at: Time,
     started_at: Time,
     announce_at: Time,
+    announced: bool,
+    program_digest: u64,
     steps: u64,
     overflowed: u64,
-    unsaid: u64,
 }
 
 impl<C: Core> Node<C> {
@@ -134,13 +145,12 @@ impl<C: Core> Node<C> {
     /// A setting its core cannot work with, or a section of the settings that is no service's.
     pub fn new(arena: &Arena, secret: &Secret, identity: Identity, now: Time) -> Result<Self, ConfigError> {
         check_sections(arena)?;
-        let tuning = arena.section(C::NAME)?;
         let start = Start { at: now, seed: identity.seed, incarnation: identity.incarnation };
         let reads = C::Input::topics().iter().map(|topic| Role::of(Kind::Data, topic.writer));
         let keyring = Keyring::new(secret, identity.domain, identity.run, Role(C::NAME), reads);
         Ok(Self {
-            core: C::new(arena, tuning, start)?,
-            outbox: Outbox::default(),
+            stepper: Stepper::new(arena, start)?,
+            journal: Journal::new(C::NAME, start, arena.digest()),
             publisher: Publisher::new(C::NAME, secret, identity),
             keyring,
             windows: Windows::new(),
@@ -151,59 +161,62 @@ impl<C: Core> Node<C> {
             answer_at: now,
             started_at: now,
             announce_at: now,
+            announced: false,
+            program_digest: 0,
             steps: 0,
             overflowed: 0,
-            unsaid: 0,
         })
     }
 
     /// The core, for tests and tools.
     #[must_use]
     pub fn core(&self) -> &C {
-        &self.core
+        &self.stepper.core
     }
 
-    /// The core, for whoever gives it orders from outside the bus.
+    /// The core, for whoever gives it orders from outside the bus. Of these no recording can tell, so the node's journal
+    /// ends here.
     pub fn core_mut(&mut self) -> &mut C {
-        &mut self.core
+        self.journal.end();
+        &mut self.stepper.core
     }
 
-    fn step(&mut self, now: Time, event: Event<C::Input>, sink: &mut Sink<'_>) {
+    fn step(&mut self, now: Time, event: Event<C::Input>, cause: Cause, sink: &mut Sink<'_>) {
+        if self.journal.is_full_for(cause) {
+            self.publish_journal(now, sink);
+        }
         self.steps += 1;
-        self.core.step(now, event, &mut self.outbox);
-        let mut outbox = std::mem::take(&mut self.outbox);
-        for message in outbox.take_messages() {
-            if let Err(error) = self.publisher.publish_output(now, &message, sink) {
-                self.note_unsaid(now, message.topic(), &error, sink);
-            }
-        }
-        for mut event in outbox.take_events() {
-            event.node = Text::truncated(C::NAME);
-            if let Err(error) = self.publisher.publish(now, &topics::NODE_EVENT, &event, sink) {
-                self.note_unsaid(now, &topics::NODE_EVENT, &error, sink);
-            }
-        }
-        // Emptied, it keeps its memory.
-        self.outbox = outbox;
+        let Self { stepper, publisher, .. } = self;
+        let said = stepper.step(now, event, &mut |topic, body| {
+            // The codec has held the body to its length: sealing fails only with a clock before its zero, where
+            // nothing can be said at all.
+            let _ = publisher.publish_body(now, topic, body, sink);
+        });
+        self.journal.note(now, cause, said);
     }
 
-    /// A message that cannot be said is a bug of the core's. The vehicles fly on, in debug builds too; tests look for the
-    /// event. A core that does it in each step is reported whenever the count doubles, so that it does not flood the bus.
-    fn note_unsaid(&mut self, now: Time, topic: &Topic, error: &SayError, sink: &mut Sink<'_>) {
-        self.unsaid += 1;
-        if !self.unsaid.is_power_of_two() {
-            return;
+    /// Decoded from the very bytes that are recorded: a re-execution feeds the core the same.
+    fn take_device(
+        &mut self,
+        now: Time,
+        topic: &'static Topic,
+        index: usize,
+        body: &[u8],
+        sink: &mut Sink<'_>,
+    ) {
+        let Ok(input) = C::Input::decode(index, body) else { return };
+        // Not said, it cannot be journalled; as for whatever a step says, that is no time of any clock.
+        let Ok(sequence) = self.publisher.publish_body(now, topic, body, sink) else { return };
+        let Identity { source, incarnation, .. } = self.publisher.identity();
+        let stream = JournalStream { topic_hash: topic.hash, source, incarnation };
+        self.step(now, Event::Input(input), Cause::Datagram { stream, sequence }, sink);
+    }
+
+    fn publish_journal(&mut self, now: Time, sink: &mut Sink<'_>) {
+        if let Some(batch) = self.journal.take() {
+            // Bounded texts and sequences, no floats, and no instant before the clock's zero that was not refused already.
+            let _ = self.publisher.publish_journal(now, &batch, sink);
         }
-        let event = NodeEvent {
-            severity: Severity::Fault,
-            vehicle: 0,
-            at: now,
-            node: Text::truncated(C::NAME),
-            name: Text::truncated("message-unsayable"),
-            detail: Text::truncated(format_args!("{}: {error}; {} so far", topic.name, self.unsaid)),
-        };
-        // Bounded texts and no floats: it fails only with a clock before its zero, where nothing can be said at all.
-        let _ = self.publisher.publish(now, &topics::NODE_EVENT, &event, sink);
     }
 
     /// From a datagram to an input, each check in its order.
@@ -226,8 +239,9 @@ impl<C: Core> Node<C> {
             return Ok(Taken::Elsewhere);
         };
         let topic = topics[index];
-        if topic.writer == C::NAME {
+        if topic.writer == C::NAME && self.publisher.identity().domain != Domain::Replay {
             // The node's own device bytes come from its device. From the bus they are its echo, or a replay of it.
+            // In a replay there is no device: there they come from playback, which signs for this node's role.
             return Ok(Taken::Elsewhere);
         }
         let key =
@@ -236,10 +250,22 @@ impl<C: Core> Node<C> {
         if fresh.header().schema_id != topic.schema_id() {
             return Err(DropReason::Undecodable);
         }
-        Ok(Taken::Input(C::Input::decode(index, fresh.body())?))
+        let (header, topic_hash) = (fresh.header(), topic.hash);
+        let stream = JournalStream { topic_hash, source: header.source, incarnation: header.incarnation };
+        let cause = Cause::Datagram { stream, sequence: header.sequence };
+        Ok(Taken::Input(C::Input::decode(index, fresh.body())?, cause))
+    }
+
+    /// Definitions go out before the first message does: whoever records need not guess what its bytes mean.
+    fn announce_first(&mut self, now: Time, sink: &mut Sink<'_>) {
+        if !self.announced && self.announce_at <= now {
+            self.announce(now, sink);
+        }
     }
 
     fn announce(&mut self, now: Time, sink: &mut Sink<'_>) {
+        self.announced = true;
+        self.announce_at = now + ANNOUNCE_PERIOD;
         self.publisher.announce(now, &self.writes, sink);
         // Whoever asked has been answered with it.
         self.asked.clear();
@@ -258,6 +284,7 @@ impl<C: Core> Node<C> {
         NodeHealth {
             node: Text::truncated(C::NAME),
             started_at: self.started_at,
+            program_digest: self.program_digest,
             steps: self.steps,
             published: self.publisher.published(),
             accepted: counters.accepted,
@@ -287,17 +314,21 @@ impl<C: Core> AnyNode for Node<C> {
     }
 
     fn deadline(&self) -> Option<Time> {
-        let due = [self.core.deadline(), self.answer_due()].into_iter().flatten();
-        Some(due.fold(self.announce_at, Time::min))
+        let due = [self.stepper.core.deadline(), self.answer_due()].into_iter().flatten();
+        Some(due.fold(self.announce_at.min(self.journal.due_at()), Time::min))
     }
 
     fn wake(&mut self, now: Time, sink: &mut Sink<'_>) {
-        if self.core.deadline().is_some_and(|at| at <= now) {
-            self.step(now, Event::Deadline, sink);
+        self.announce_first(now, sink);
+        // A radio slot comes before whatever else a node says of itself.
+        if self.stepper.core.deadline().is_some_and(|at| at <= now) {
+            self.step(now, Event::Deadline, Cause::Deadline, sink);
         }
         if self.announce_at <= now {
-            self.announce_at = now + ANNOUNCE_PERIOD;
             self.announce(now, sink);
+        }
+        if self.journal.due_at() <= now {
+            self.publish_journal(now, sink);
         }
         if self.answer_due().is_some_and(|at| at <= now) {
             self.answer_at = now + ANSWER_PERIOD;
@@ -308,9 +339,10 @@ impl<C: Core> AnyNode for Node<C> {
 
     fn receive(&mut self, now: Time, datagram: &[u8], sink: &mut Sink<'_>) -> Result<(), DropReason> {
         match self.take(datagram) {
-            Ok(Taken::Input(input)) => {
+            Ok(Taken::Input(input, cause)) => {
                 self.counters.accepted += 1;
-                self.step(now, Event::Input(input), sink);
+                self.announce_first(now, sink);
+                self.step(now, Event::Input(input), cause, sink);
                 Ok(())
             }
             Ok(Taken::SchemaRequest(topic)) => {
@@ -334,25 +366,37 @@ impl<C: Core> AnyNode for Node<C> {
         // Another service's topic is not for this node to publish, whatever the driver believes.
         let own = |candidate: &&'static Topic| *candidate == topic && candidate.writer == C::NAME;
         let Some(index) = C::Input::topics().iter().position(own) else { return };
+        self.announce_first(now, sink);
         let mut body = std::mem::take(&mut self.device_body);
         body.clear();
-        let said = wire::encode(&bytes, &mut body)
-            .map_err(SayError::from)
-            .and_then(|()| self.publisher.publish_body(now, topic, &body, sink));
-        match said {
-            // Decoded from the very bytes that are recorded: a replay feeds the core the same.
-            Ok(()) => {
-                if let Ok(input) = C::Input::decode(index, &body) {
-                    self.step(now, Event::Input(input), sink);
-                }
+        match wire::encode(&bytes, &mut body) {
+            Ok(()) => self.take_device(now, topic, index, &body, sink),
+            Err(error) => {
+                let Self { stepper, publisher, .. } = self;
+                stepper.report_unsayable(now, topic, &error, &mut |topic, body| {
+                    // As for whatever a step says.
+                    let _ = publisher.publish_body(now, topic, body, sink);
+                });
             }
-            Err(error) => self.note_unsaid(now, topic, &error, sink),
         }
         self.device_body = body;
     }
 
     fn overflowed(&mut self, datagrams: u64) {
         self.overflowed += datagrams;
+    }
+
+    fn identify_program(&mut self, digest: u64) {
+        self.program_digest = digest;
+    }
+
+    fn publish_latency(&mut self, now: Time, latency: &NodeLatency, sink: &mut Sink<'_>) {
+        // As for health: there is nothing in it that could not be said.
+        let _ = self.publisher.publish(now, &topics::NODE_LATENCY, latency, sink);
+    }
+
+    fn close(&mut self, now: Time, sink: &mut Sink<'_>) {
+        self.publish_journal(now, sink);
     }
 
     fn counters(&self) -> &Counters {
@@ -366,7 +410,8 @@ impl<C: Core> AnyNode for Node<C> {
 
 fn written_by<C: Core>() -> Vec<&'static Topic> {
     let devices = C::Input::topics().iter().filter(|topic| topic.writer == C::NAME);
-    let every_node = [&topics::NODE_EVENT, &topics::NODE_HEALTH];
+    let every_node =
+        [&topics::NODE_EVENT, &topics::NODE_HEALTH, &topics::NODE_JOURNAL, &topics::NODE_LATENCY];
     C::Output::topics().iter().chain(devices).copied().chain(every_node).collect()
 }
 

@@ -2,11 +2,11 @@
 
 use quantity::Time;
 use reflect::Message;
-use schemas::{Topic, topic_hash};
+use schemas::{NodeJournal, Topic, topic_hash, topics};
 use thiserror::Error;
 use wire::{EncodeError, Header, Keyring, Kind, Role, SealError, Secret, TopicName};
 
-use crate::{Identity, Outbound, Published};
+use crate::{Identity, Published};
 
 /// Why something cannot be said; a bug of whoever wants to say it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -72,25 +72,27 @@ impl Publisher {
     ) -> Result<(), SayError> {
         self.body.clear();
         wire::encode(message, &mut self.body)?;
-        self.seal(now, topic, Kind::Data, sink)
+        self.seal(now, topic, Kind::Data, sink)?;
+        Ok(())
     }
 
-    /// Publishes one of a core's outputs.
+    /// Publishes a batch of a node's journal.
     ///
     /// # Errors
     /// What codec or seal refuse.
-    pub(crate) fn publish_output<O: Outbound>(
+    pub(crate) fn publish_journal(
         &mut self,
         now: Time,
-        output: &O,
+        batch: &NodeJournal,
         sink: &mut dyn FnMut(Published<'_>),
     ) -> Result<(), SayError> {
         self.body.clear();
-        output.encode(&mut self.body)?;
-        self.seal(now, output.topic(), Kind::Data, sink)
+        wire::encode(batch, &mut self.body)?;
+        self.seal(now, &topics::NODE_JOURNAL, Kind::Journal, sink)?;
+        Ok(())
     }
 
-    /// Publishes a body that is already encoded.
+    /// Publishes a body that is already encoded, and says under which sequence number.
     ///
     /// # Errors
     /// What the seal refuses.
@@ -100,7 +102,7 @@ impl Publisher {
         topic: &'static Topic,
         body: &[u8],
         sink: &mut dyn FnMut(Published<'_>),
-    ) -> Result<(), SayError> {
+    ) -> Result<u64, SayError> {
         self.body.clear();
         self.body.extend_from_slice(body);
         self.seal(now, topic, Kind::Data, sink)
@@ -125,13 +127,13 @@ impl Publisher {
         topic: &'static Topic,
         kind: Kind,
         sink: &mut dyn FnMut(Published<'_>),
-    ) -> Result<(), SayError> {
+    ) -> Result<u64, SayError> {
         let place = self.place_of(topic.hash, kind);
         let sequence = self.sequences[place].2 + 1;
         let header = Header {
             kind,
             domain: self.identity.domain,
-            latched: false,
+            latched: topic.latched && kind == Kind::Data,
             source: self.identity.source,
             schema_id: topic.schema_id(),
             run: self.identity.run,
@@ -147,7 +149,7 @@ impl Publisher {
         self.sequences[place].2 = sequence;
         self.published += 1;
         sink(Published { topic, kind, datagram: &self.datagram, body: &self.body });
-        Ok(())
+        Ok(sequence)
     }
 
     /// Where the newest sequence number of a topic and kind is kept: receivers keep a window for each of them.

@@ -78,8 +78,24 @@ impl Arena {
     /// recordings. How the files are laid out and commented makes no difference; every value does.
     #[must_use]
     pub fn digest(&self) -> u64 {
-        let canonical = toml::to_string(self).expect("what was read from TOML can be written as TOML");
-        reflect::fnv1a_64(&[canonical.as_bytes()])
+        reflect::fnv1a_64(&[self.to_toml().as_bytes()])
+    }
+
+    /// These settings in their canonical form, one TOML file: what a recording carries.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("what was read from TOML can be written as TOML")
+    }
+
+    /// Settings from their canonical form; checked for its shape only, since it was whole when it was written.
+    ///
+    /// # Errors
+    /// [`ConfigError::Malformed`] for a text that is no such form; `file` is how the error names it.
+    pub fn from_toml(file: &str, text: &str) -> Result<Self, ConfigError> {
+        toml::from_str(text).map_err(|error: toml::de::Error| ConfigError::Malformed {
+            file: file.to_owned(),
+            reason: error.to_string(),
+        })
     }
 
     /// Refuses sections of `services.toml` that belong to none of these services. A caller who knows the services gives

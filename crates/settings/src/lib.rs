@@ -6,6 +6,7 @@
 mod arena;
 mod error;
 mod hall;
+mod interface;
 mod network;
 mod places;
 mod plant;
@@ -17,6 +18,7 @@ mod vehicle;
 pub use arena::{Arena, FleetVehicle};
 pub use error::ConfigError;
 pub use hall::Hall;
+pub use interface::Interface;
 pub use network::{Devices, Endpoint, Network};
 pub use plant::{
     AccelerometerSettings, AirSettings, BatterySettings, BodySettings, CameraSettings, ClockSettings,

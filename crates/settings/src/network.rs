@@ -4,15 +4,15 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 
 use serde::{Deserialize, Serialize};
 
-use crate::ConfigError;
 use crate::read::in_range;
+use crate::{ConfigError, Interface};
 
 /// The bus and the devices.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Network {
-    /// Address of the interface that multicast leaves and enters by.
-    pub interface: Ipv4Addr,
+    /// The interface that multicast leaves and enters by.
+    pub interface: Interface,
     /// 0 keeps datagrams on this host, 1 on this network; more is refused.
     pub ttl: u32,
     /// Receive buffer asked of the kernel.

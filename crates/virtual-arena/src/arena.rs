@@ -76,6 +76,7 @@ pub struct VirtualArena<'f> {
     plant: Plant,
     truth: Publisher,
     truth_at: Time,
+    announce_at: Time,
     maneuvers: Vec<ManeuverTruth>,
     log: Log,
     idle_wakes: u32,
@@ -89,6 +90,8 @@ const FINITE: &str = "the truth is finite";
 const DEVICE_BYTES_MAX: usize = 1472;
 /// How often the simulator tells the truth.
 const TRUTH_PERIOD: Span = Span::from_millis(20);
+/// How often the simulator announces its definitions.
+const ANNOUNCE_PERIOD: Span = Span::from_secs(1);
 /// A node that asks so often to be woken at one and the same instant would never let time go on.
 const IDLE_WAKES_MAX: u32 = 10_000;
 
@@ -119,6 +122,7 @@ impl<'f> VirtualArena<'f> {
             settings: settings.clone(),
             truth: Publisher::new("simulator", &secret, identity("simulator", 0, run, seed)),
             truth_at: START,
+            announce_at: START,
             maneuvers: Vec::new(),
             secret,
             run,
@@ -172,6 +176,12 @@ impl<'f> VirtualArena<'f> {
         self.bus.faults_mut()
     }
 
+    /// The run, which every datagram names.
+    #[must_use]
+    pub fn run(&self) -> u64 {
+        self.run
+    }
+
     /// Datagrams sent so far.
     #[must_use]
     pub fn datagrams(&self) -> u64 {
@@ -208,6 +218,13 @@ impl<'f> VirtualArena<'f> {
     /// As [`VirtualArena::run_until`].
     pub fn run_for(&mut self, span: Span, observe: &mut dyn FnMut(Heard<'_>)) {
         self.run_until(self.now + span, observe);
+    }
+
+    /// Lets every node that is alive say what it would say at its end: the rest of its journal.
+    pub fn close(&mut self, observe: &mut dyn FnMut(Heard<'_>)) {
+        for node in 0..self.seats.len() {
+            self.with_node(node, observe, |node, now, sink| node.close(now, sink));
+        }
     }
 
     /// Ends a service at once, as `kill -9` would; what has arrived at it is gone.
@@ -387,12 +404,16 @@ impl<'f> VirtualArena<'f> {
         }
         self.truth_at += TRUTH_PERIOD;
         let now = self.now;
-        let Self { truth, log, bus, plant, settings, maneuvers, .. } = self;
+        let Self { truth, log, bus, plant, settings, maneuvers, announce_at, .. } = self;
         let mut sink = |published: Published<'_>| {
             log.note(now, published.datagram);
             observe(Heard { at: now, from: "simulator", published });
             bus.carry(now, "simulator", &published);
         };
+        if *announce_at <= now {
+            *announce_at = now + ANNOUNCE_PERIOD;
+            truth.announce(now, &[&topics::PLANT_TRUTH, &topics::PLANT_MANEUVER], &mut sink);
+        }
         for member in &settings.fleet {
             if let Some(state) = plant.truth(member.vehicle.id) {
                 let message = truth_message(member.vehicle.id, now, &state);

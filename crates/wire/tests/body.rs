@@ -129,7 +129,7 @@ fn encoded<M: Message>(message: &M) -> Vec<u8> {
 }
 
 /// The view that a dynamic reader must come to, written down by hand.
-fn view(message: &Everything) -> Value {
+fn view(message: &Everything) -> Value<'static> {
     let vector = |v: Vector<World>| {
         Value::Record(vec![("x", Value::F64(v.x)), ("y", Value::F64(v.y)), ("z", Value::F64(v.z))])
     };

@@ -1,10 +1,11 @@
 //! A node around a small core that speaks as the radio bridge: topics of its own, device bytes, another's topic.
 
-use schemas::{CommandSent, VehicleCommand};
+use schemas::{CommandSent, NodeEvent, Severity, VehicleCommand};
 use serde::Deserialize;
 use wire::{Header, SigningKey, TopicName};
 
 use super::*;
+use crate::Outbox;
 
 crate::inputs! {
     /// What it hears.
@@ -77,6 +78,8 @@ impl Core for Bridge {
     }
 }
 
+mod journal;
+
 const BEGIN: Time = Time::from_nanos(10_000_000_000);
 
 fn secret() -> Secret {
@@ -94,8 +97,15 @@ fn identity() -> Identity {
     Identity { source: 7, incarnation: 2, domain: Domain::Sim, run: 11, seed: Seed(42) }
 }
 
-fn bridge() -> Node<Bridge> {
+fn unannounced_bridge() -> Node<Bridge> {
     Node::new(&arena(""), &secret(), identity(), BEGIN).unwrap()
+}
+
+/// A node that has said what it writes.
+fn bridge() -> Node<Bridge> {
+    let mut node = unannounced_bridge();
+    node.wake(BEGIN, &mut |_| {});
+    node
 }
 
 /// What a node said in one call: topic, kind and body.
@@ -307,6 +317,20 @@ fn the_nodes_own_device_bytes_are_not_taken_from_the_bus() {
 }
 
 #[test]
+fn in_a_replay_the_nodes_own_device_bytes_come_from_the_bus_signed_for_its_role() {
+    let replay = Identity { domain: Domain::Replay, ..identity() };
+    let mut node = Node::<Bridge>::new(&arena(""), &secret(), replay, BEGIN).unwrap();
+    let mut replayed = Sender::new(&topics::RADIO_RX, "radio-bridge", 900);
+    replayed.header.domain = Domain::Replay;
+    wire::encode(&DeviceBytes::default(), &mut replayed.body).unwrap();
+    assert_eq!(receive(&mut node, BEGIN, &replayed).0, Ok(()));
+    assert_eq!(node.core().heard.len(), 1);
+    let stranger = Sender { role: Role("playback"), ..replayed };
+    assert_eq!(receive(&mut node, BEGIN, &stranger).0, Err(DropReason::Unauthentic));
+    assert_eq!(node.core().heard.len(), 1);
+}
+
+#[test]
 fn bytes_of_its_device_are_published_before_the_core_is_stepped_with_the_very_same() {
     let mut node = bridge();
     let bytes = DeviceBytes { port: 3, at: after(-1), bytes: vec![9; 1472].try_into().unwrap() };
@@ -367,11 +391,19 @@ fn a_core_that_is_always_unsayable_does_not_flood_the_bus() {
     assert_eq!(reports, 10, "1, 2, 4, ... 512");
 }
 
-const WRITTEN: [&str; 5] = ["vehicle/command-sent", "radio/tx", "radio/rx", "node/event", "node/health"];
+const WRITTEN: [&str; 7] = [
+    "vehicle/command-sent",
+    "radio/tx",
+    "radio/rx",
+    "node/event",
+    "node/health",
+    "node/journal",
+    "node/latency",
+];
 
 #[test]
 fn definitions_of_all_it_writes_and_health_come_at_the_start_and_each_second() {
-    let mut node = bridge();
+    let mut node = unannounced_bridge();
     for second in 0..3 {
         let now = after(1000 * second);
         assert_eq!(node.deadline(), Some(now));
@@ -389,7 +421,6 @@ fn definitions_of_all_it_writes_and_health_come_at_the_start_and_each_second() {
 #[test]
 fn a_node_that_slept_announces_once_and_not_once_for_each_second_it_missed() {
     let mut node = bridge();
-    node.wake(BEGIN, &mut |_| {});
     let said = Said::during(|sink| node.wake(after(10_500), sink));
     assert_eq!(said.data(), ["node/health"]);
     assert_eq!(node.deadline(), Some(after(11_500)));
@@ -412,7 +443,6 @@ fn the_core_is_stepped_at_its_deadline_and_not_before() {
 #[test]
 fn who_asks_for_a_definition_gets_that_one_at_once() {
     let mut node = bridge();
-    node.wake(BEGIN, &mut |_| {});
     let (result, said) = receive(&mut node, after(10), &Sender::request(&topics::COMMAND_SENT, 1));
     assert_eq!(result, Ok(()));
     assert!(said.0.is_empty(), "the node is in somebody else's turn");
@@ -426,7 +456,6 @@ fn who_asks_for_a_definition_gets_that_one_at_once() {
 #[test]
 fn requests_for_what_others_write_and_forged_ones_are_not_answered() {
     let mut node = bridge();
-    node.wake(BEGIN, &mut |_| {});
     let mut forged = Sender::request(&topics::COMMAND_SENT, 1);
     forged.secret = Secret::new([8; 32]);
     assert_eq!(receive(&mut node, BEGIN, &forged).0, Err(DropReason::Unauthentic));
@@ -446,7 +475,6 @@ fn requests_for_what_others_write_and_forged_ones_are_not_answered() {
 #[test]
 fn a_flood_of_requests_gets_ten_answers_a_second_out_of_a_node() {
     let mut node = bridge();
-    node.wake(BEGIN, &mut |_| {});
     let (mut answers, mut sequence) = (0, 0);
     for millis in 0..1000 {
         for topic in [&topics::COMMAND_SENT, &topics::RADIO_RX, &topics::NODE_EVENT] {
@@ -467,7 +495,6 @@ fn a_flood_of_requests_gets_ten_answers_a_second_out_of_a_node() {
 #[test]
 fn health_tells_what_became_of_everything() {
     let mut node = bridge();
-    node.wake(BEGIN, &mut |_| {});
     // Two of three numbers come, one comes twice.
     for sequence in [1, 3, 3] {
         let _ = receive(&mut node, BEGIN, &Sender::command(1, sequence));
@@ -485,15 +512,17 @@ fn health_tells_what_became_of_everything() {
     stump.body.clear();
     let _ = receive(&mut node, BEGIN, &stump);
     let _ = node.receive(BEGIN, b"FM", &mut |_| {});
+    node.identify_program(77);
     node.overflowed(5);
     node.overflowed(2);
     let said = Said::during(|sink| node.wake(after(1000), sink));
     let expected = NodeHealth {
         node: Text::truncated("radio-bridge"),
         started_at: BEGIN,
+        program_digest: 77,
         steps: 2,
-        // Twice five definitions, the first health, two answers with an event each.
-        published: 10 + 1 + 4,
+        // Twice seven definitions, the first health, two answers with an event each.
+        published: 14 + 1 + 4,
         accepted: 2,
         dropped_malformed: 1,
         dropped_unauthentic: 1,

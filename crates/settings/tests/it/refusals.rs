@@ -131,7 +131,9 @@ fn a_value_of_the_wrong_type_is_refused() {
         "network.toml",
         "interface",
         "interface = \"localhost\"",
-        expect![[r#"config/network.toml: interface = "localhost": invalid IPv4 address syntax"#]],
+        expect![[
+            r#"config/network.toml: interface = "localhost": "localhost" is neither an IPv4 address nor a network like "10.0.0.0/24""#
+        ]],
     );
     refused(
         "type-choice",
