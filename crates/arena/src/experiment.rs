@@ -11,7 +11,7 @@ use schemas::{
     PlantTruth, Topic, topics,
 };
 use serde::Serialize;
-use service_core::{AnyNode, Core, Identity, Node};
+use service_core::{AnyCore, AnyNode, Core, Identity, Node, Start, Stepper};
 use settings::{Arena, ConfigError};
 use virtual_arena::{Heard, VirtualArena};
 use wire::Secret;
@@ -27,6 +27,8 @@ const ROUND: Span = Span::from_millis(500);
 
 /// What an experiment tells while it runs.
 pub trait Observer {
+    /// The arena stands, and nothing in it has happened yet.
+    fn begin(&mut self, _flying: &VirtualArena<'_>) {}
     /// A vehicle's flip was flown and measured.
     fn flip(&mut self, _vehicle: u8, _flip: &FlipReport) {}
     /// A service reported something.
@@ -106,6 +108,17 @@ pub fn node(
     roster::node(name, arena, secret, identity, now)
 }
 
+/// Builds any core of the arena, to execute it again: the roster's, or the front door's own.
+///
+/// # Errors
+/// As of [`node`].
+pub fn core(name: &str, arena: &Arena, start: Start) -> Result<Box<dyn AnyCore>, ConfigError> {
+    if name == Director::NAME {
+        return Ok(Box::new(Stepper::<Director>::new(arena, start)?));
+    }
+    roster::core(name, arena, start)
+}
+
 /// Flies a whole learning experiment in virtual time.
 ///
 /// # Errors
@@ -113,6 +126,7 @@ pub fn node(
 pub fn learn(arena: &Arena, seed: u64, observer: &mut dyn Observer) -> Result<Flown, ConfigError> {
     let factory = node;
     let mut flying = VirtualArena::new(arena, seed, &services(), &factory)?;
+    observer.begin(&flying);
     let start = flying.now();
     flying.plant_mut().record_trajectories(true);
     let mut log = Log::new(arena, start);
@@ -131,6 +145,8 @@ pub fn learn(arena: &Arena, seed: u64, observer: &mut dyn Observer) -> Result<Fl
         wall_s: 0.0,
         vehicles: log.vehicles.values().map(|vehicle| vehicle.report.clone()).collect(),
     };
+    // Whoever records wants the journals whole; the experiment, and its digest, end before.
+    flying.close(&mut |heard| observer.heard(&heard));
     Ok(Flown { side_views: log.side_views(), extremes: log.extremes, turns: log.turns(), report })
 }
 

@@ -2,9 +2,12 @@
 //! arena.
 
 pub mod campaign;
+pub mod contents;
 pub mod director;
 pub mod experiment;
 pub mod figures;
 pub mod pictures;
 pub mod report;
 pub mod supervisor;
+pub mod tools;
+pub mod virtual_recording;

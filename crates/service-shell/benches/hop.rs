@@ -102,7 +102,7 @@ fn raw(setup: &Setup, incarnation: u32) -> Result<(), ShellError> {
         let socket = Socket::new(Family::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
         socket.set_reuse_address(true)?;
         socket.bind(&SocketAddrV4::new(bus.group, bus.port).into())?;
-        socket.join_multicast_v4(&bus.group, &network.interface)?;
+        socket.join_multicast_v4(&bus.group, &network.interface.address())?;
         socket.set_read_timeout(Some(Duration::from_secs(1)))?;
         Ok::<UdpSocket, std::io::Error>(std::os::fd::OwnedFd::from(socket).into())
     };

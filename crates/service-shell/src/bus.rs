@@ -16,6 +16,7 @@ use crate::ShellError;
 use crate::datagrams::{Datagram, DatagramSocket, grow_receive_buffer};
 use crate::error::During;
 use crate::filter::{Listen, program};
+use crate::interface::interface_address;
 
 /// The group and port of a domain.
 #[must_use]
@@ -43,12 +44,13 @@ impl BusSender {
         let target = endpoint(network, domain);
         let what =
             || format!("opening the bus at {}:{} via {}", target.group, target.port, network.interface);
+        let interface = interface_address(network.interface)?;
         let socket = Socket::new(socket2::Domain::IPV4, Type::DGRAM, Some(Protocol::UDP)).during(what)?;
-        socket.set_multicast_if_v4(&network.interface).during(what)?;
+        socket.set_multicast_if_v4(&interface).during(what)?;
         socket.set_multicast_ttl_v4(network.ttl.min(1)).during(what)?;
         socket.set_multicast_loop_v4(true).during(what)?;
         socket.set_nonblocking(true).during(what)?;
-        socket.bind(&SocketAddrV4::new(network.interface, 0).into()).during(what)?;
+        socket.bind(&SocketAddrV4::new(interface, 0).into()).during(what)?;
         // Connected, the kernel looks up the route once instead of per datagram.
         socket.connect(&SocketAddrV4::new(target.group, target.port).into()).during(what)?;
         Ok(Self { socket: OwnedFd::from(socket).into(), failed: 0 })
@@ -101,7 +103,7 @@ impl BusReceiver {
             warn!(asked, granted, "receive buffer is smaller than asked for: raise net.core.rmem_max");
         }
         socket.bind(&SocketAddrV4::new(target.group, target.port).into()).during(what)?;
-        socket.join_multicast_v4(&target.group, &network.interface).during(what)?;
+        socket.join_multicast_v4(&target.group, &interface_address(network.interface)?).during(what)?;
         let socket = DatagramSocket::new(OwnedFd::from(socket).into(), filter.is_some()).during(what)?;
         Ok(Self { socket })
     }

@@ -15,9 +15,13 @@ mod devices;
 mod error;
 mod filter;
 mod identity;
+mod interface;
 mod kernel;
+mod latency;
 mod logging;
 mod options;
+mod program;
+mod replay;
 mod run_id;
 mod run_loop;
 #[cfg(test)]
@@ -40,13 +44,17 @@ pub use filter::Listen;
 pub use identity::{identity, incarnation_at, incarnation_now};
 pub use logging::{echo_event, init_logging};
 pub use options::{DomainOption, Options};
-pub use run_id::{DEFAULT_RUN_FILE, new_run, parse_run, read_run, run_file, write_run};
-pub use run_loop::{block_on, drive, run_with};
+pub use program::program_digest;
+pub use replay::{REPLAY_STEP_MAX, TICK_SPAN};
+pub use run_id::{
+    DEFAULT_RUN_FILE, REPLAY_RUN_FILE, new_run, parse_run, read_run, run_file, run_file_of, write_run,
+};
+pub use run_loop::{NodeFactory, block_on, drive, run_with, serve};
 pub use secret::{
     DEFAULT_SECRET_FILE, SECRET_FILE_VARIABLE, create_secret_if_absent, read_secret, secret_file,
 };
 pub use service_core::QUEUE_AGE_MAX;
-pub use setup::Setup;
+pub use setup::{SETTINGS_FILE_VARIABLE, Setup, load_arena};
 pub use stop::{Stop, StopReason};
 pub use timer::Timer;
 
@@ -59,7 +67,7 @@ struct CommandLine {
 
 /// A service's whole `main`: command line in, exit code out.
 #[must_use]
-pub fn run<C: Core>() -> ExitCode {
+pub fn run<C: Core + 'static>() -> ExitCode {
     let command = CommandLine::command().name(C::NAME).about("A service of the arena");
     let options = match CommandLine::from_arg_matches(&command.get_matches()) {
         Ok(command_line) => command_line.options,

@@ -15,6 +15,8 @@ pub enum DomainOption {
     /// A simulator.
     #[default]
     Sim,
+    /// A recording, put back on the bus by playback.
+    Replay,
 }
 
 impl From<DomainOption> for Domain {
@@ -22,6 +24,7 @@ impl From<DomainOption> for Domain {
         match option {
             DomainOption::Live => Self::Live,
             DomainOption::Sim => Self::Sim,
+            DomainOption::Replay => Self::Replay,
         }
     }
 }
@@ -35,10 +38,15 @@ pub struct Options {
     /// Scenario, by its file's name
     #[arg(long, value_name = "NAME", default_value = "double-flip")]
     pub scenario: String,
+    /// All settings in one file, as a recording carries them, instead of --config and --scenario [default:
+    /// $FLYARENA_SETTINGS_FILE, if that is set]
+    #[arg(long, value_name = "FILE")]
+    pub settings: Option<PathBuf>,
     /// Where the messages' truth comes from
     #[arg(long, value_enum, default_value_t)]
     pub domain: DomainOption,
-    /// Id of the run to join, in hexadecimal [default: what `arena up` wrote to .flyarena/run]
+    /// Id of the run to join, in hexadecimal [default: what `arena up` wrote to .flyarena/run, or
+    /// playback to .flyarena/replay-run]
     #[arg(long, value_name = "HEX", value_parser = parse_run)]
     pub run: Option<u64>,
     /// File with the arena's secret [default: $FLYARENA_SECRET_FILE, else .flyarena/secret]
@@ -70,6 +78,9 @@ impl Options {
         ] {
             arguments.extend([name.into(), value.into()]);
         }
+        if let Some(file) = &self.settings {
+            arguments.extend(["--settings".into(), file.clone().into()]);
+        }
         if let Some(file) = &self.secret_file {
             arguments.extend(["--secret-file".into(), file.clone().into()]);
         }
@@ -85,6 +96,7 @@ impl Default for Options {
         Self {
             config: "config".into(),
             scenario: "double-flip".to_owned(),
+            settings: None,
             domain: DomainOption::default(),
             run: None,
             secret_file: None,
@@ -122,7 +134,8 @@ mod tests {
         let options = Options {
             config: "other folder".into(),
             scenario: "fleet".to_owned(),
-            domain: DomainOption::Live,
+            settings: Some("a file".into()),
+            domain: DomainOption::Replay,
             secret_file: Some("a secret".into()),
             log: "debug".to_owned(),
             supervised: true,
@@ -134,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_domain_or_run_that_is_none_is_refused() {
-        for arguments in [["--domain", "replay"], ["--run", "xyz"], ["--incarnation", "-1"]] {
+        for arguments in [["--domain", "elsewhere"], ["--run", "xyz"], ["--incarnation", "-1"]] {
             assert!(
                 CommandLine::try_parse_from(["estimator"].iter().chain(&arguments)).is_err(),
                 "{arguments:?}"

@@ -3,12 +3,16 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use wire::Domain;
+
 use crate::ShellError;
 use crate::error::During;
 use crate::secret::{create_parent, random_bytes};
 
 /// Where the current run's id stands.
 pub const DEFAULT_RUN_FILE: &str = ".flyarena/run";
+/// Where the current replay's run id stands: a replay beside a running arena leaves that arena's alone.
+pub const REPLAY_RUN_FILE: &str = ".flyarena/replay-run";
 
 /// Draws a new run's id; never zero.
 ///
@@ -62,6 +66,15 @@ pub fn parse_run(text: &str) -> Result<u64, String> {
 #[must_use]
 pub fn run_file() -> PathBuf {
     PathBuf::from(DEFAULT_RUN_FILE)
+}
+
+/// The path of a domain's run file.
+#[must_use]
+pub fn run_file_of(domain: Domain) -> PathBuf {
+    match domain {
+        Domain::Live | Domain::Sim => run_file(),
+        Domain::Replay => PathBuf::from(REPLAY_RUN_FILE),
+    }
 }
 
 #[cfg(test)]

@@ -16,48 +16,71 @@ use std::task::{Context, Poll};
 
 use quantity::{Span, Time};
 use reflect::Seq;
-use schemas::{DeviceBytes, Topic};
-use service_core::{AnyNode, Core, Node, Published, QUEUE_AGE_MAX};
+use schemas::{DeviceBytes, Topic, topics};
+use service_core::{AnyNode, Core, Identity, Node, Published, QUEUE_AGE_MAX};
+use settings::ConfigError;
 use tracing::{Instrument, info, info_span, warn};
+use wire::Domain;
 
 use crate::bus::{BusReceiver, BusSender};
 use crate::datagrams::Datagram;
 use crate::devices::{self, Endpoint, Receiver, Transmitters};
 use crate::error::During;
 use crate::filter::Listen;
+use crate::latency::{Latencies, Passage};
 use crate::logging::echo_event;
 use crate::stop::{Stop, StopReason};
 use crate::timer::Timer;
-use crate::{Options, Setup, ShellError, clock};
+use crate::{Options, Setup, ShellError, clock, program_digest, replay};
 
 /// A node that was not stepped for this long past its deadline was stopped or starved.
 const PAUSE_SPAN: Span = Span::from_millis(100);
 /// How often to look whether the supervisor lives.
 const SUPERVISOR_PERIOD: Span = Span::from_secs(1);
 
+/// Makes a node of this identity at the instant at which it begins.
+pub type NodeFactory<'f> = dyn Fn(Identity, Time) -> Result<Box<dyn AnyNode>, ConfigError> + 'f;
+
 /// Runs a service until it is told to end.
 ///
 /// # Errors
 /// Settings that cannot be used, or a socket that cannot be opened.
-pub fn run_with<C: Core>(options: &Options) -> Result<(), ShellError> {
+pub fn run_with<C: Core + 'static>(options: &Options) -> Result<(), ShellError> {
     let setup = Setup::load(C::NAME, options)?;
-    let mut node = Node::<C>::new(&setup.arena, &setup.secret, setup.identity, clock::now())?;
-    drive(&setup, &mut node)
+    serve(&setup, &|identity, now| Ok(Box::new(Node::<C>::new(&setup.arena, &setup.secret, identity, now)?)))
 }
 
-/// Runs a node until the process is told to end. Not to be called within a tokio runtime.
+/// Makes a service's node and runs it until the process is told to end: by the host's clock, or in the replay domain
+/// by playback's, where no device is ever opened. Not to be called within a tokio runtime.
 ///
 /// # Errors
-/// A socket that cannot be opened or read.
+/// A setting the service cannot work with, or a socket that cannot be opened or read.
+pub fn serve(setup: &Setup, factory: &NodeFactory<'_>) -> Result<(), ShellError> {
+    match setup.identity.domain {
+        Domain::Live | Domain::Sim => drive(setup, factory(setup.identity, clock::now())?.as_mut()),
+        Domain::Replay => replay::drive(setup, factory),
+    }
+}
+
+/// Runs a node by the host's clock until the process is told to end. Not to be called within a tokio runtime.
+///
+/// # Errors
+/// The replay domain, which has a time of its own; a socket that cannot be opened or read.
 pub fn drive(setup: &Setup, node: &mut dyn AnyNode) -> Result<(), ShellError> {
+    if setup.identity.domain == Domain::Replay {
+        let found = Domain::Replay.name();
+        return Err(ShellError::Domain { service: node.name(), found, allowed: "live or sim" });
+    }
     let span = info_span!("node", name = node.name());
     block_on(
         async {
             let mut stop = Stop::new(setup.supervised)?;
+            node.identify_program(program_digest());
             let mut shell = Shell::open(setup, node, devices::endpoints(node.name(), &setup.arena))?;
             let (domain, run) = (setup.identity.domain.name(), setup.identity.run);
             info!(domain, run = format!("{run:016x}"), incarnation = setup.identity.incarnation, "started");
             let reason = shell.serve(node, &mut stop).await?;
+            node.close(clock::now(), &mut |published| shell.outlet.put(&published));
             info!(steps = node.steps(), "ended: {}", reason.name());
             Ok(())
         }
@@ -83,6 +106,7 @@ struct Shell {
     devices: Vec<Receiver>,
     outlet: Outlet,
     timer: Timer,
+    latencies: Latencies,
     opened_at: Time,
     overflowed: u64,
 }
@@ -114,6 +138,7 @@ impl Shell {
             devices,
             outlet: Outlet { bus: BusSender::open(network, domain)?, transmitters },
             timer: Timer::new().during(|| "making a timer".to_owned())?,
+            latencies: Latencies::new(clock::now()),
             opened_at: clock::now(),
             overflowed: 0,
         })
@@ -130,6 +155,9 @@ impl Shell {
                 return Ok(reason);
             }
             let now = clock::now();
+            if let Some(account) = self.latencies.take(now, node.name()) {
+                node.publish_latency(now, &account, &mut |published| self.outlet.put(&published));
+            }
             if now >= look_after_supervisor_at {
                 look_after_supervisor_at = now + SUPERVISOR_PERIOD;
                 if let Some(reason) = stop.check_supervisor(now) {
@@ -169,7 +197,12 @@ impl Shell {
             if late > PAUSE_SPAN {
                 warn!("was not running for {late}");
             }
+            let steps = node.steps();
             node.wake(now, &mut |published| self.outlet.put(&published));
+            // What a node is woken for besides, nobody waits for.
+            if node.steps() > steps {
+                self.latencies.note_deadline(deadline, now, clock::now());
+            }
         }
         now
     }
@@ -190,7 +223,11 @@ impl Shell {
                     continue;
                 };
                 let message = DeviceBytes { port: receiver.port, at: datagram.at, bytes };
-                node.inject(now, receiver.topic, message, &mut |published| self.outlet.put(&published));
+                let (topic, arrived_at) = (receiver.topic, datagram.at);
+                node.inject(now, topic, message, &mut |published| self.outlet.put(&published));
+                let done_at = clock::now();
+                let passage = Passage { published_at: arrived_at, arrived_at, begun_at: now, done_at };
+                self.latencies.note(topic, passage);
             }
             let overflowed = self.devices[device].take_overflowed();
             self.note_overflow(node, overflowed);
@@ -207,9 +244,19 @@ impl Shell {
                 self.note_overflow(node, 1);
                 continue;
             }
+            let (steps, arrived_at) = (node.steps(), datagram.at);
             // The node has counted what it drops; its health says so.
             let outlet = &mut self.outlet;
             let _ = node.receive(now, datagram.bytes, &mut |published| outlet.put(&published));
+            if node.steps() > steps
+                && let Ok(taken) = wire::open(datagram.bytes)
+                && let Some(topic) = topics::by_name(taken.topic().name())
+            {
+                let published_at = taken.claimed().published_at;
+                let done_at = clock::now();
+                let passage = Passage { published_at, arrived_at, begun_at: now, done_at };
+                self.latencies.note(topic, passage);
+            }
         }
         let overflowed = self.bus.take_overflowed();
         self.note_overflow(node, overflowed);

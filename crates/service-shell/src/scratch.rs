@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU16, Ordering};
 
-use settings::{Devices, Endpoint, Network};
+use settings::{Devices, Endpoint, Interface, Network};
 
 pub(crate) struct Scratch(PathBuf);
 
@@ -38,7 +38,7 @@ pub(crate) fn network() -> Network {
     let device =
         |offset| SocketAddrV4::new(Ipv4Addr::new(127, 193, process[0], process[1].max(1)), port + offset);
     Network {
-        interface: Ipv4Addr::LOCALHOST,
+        interface: Interface::at(Ipv4Addr::LOCALHOST),
         ttl: 0,
         receive_buffer_bytes: 1 << 20,
         live: endpoint(0),

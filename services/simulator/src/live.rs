@@ -15,7 +15,7 @@ use schemas::{NodeEvent, NodeHealth, Severity, Topic, topics};
 use service_core::Publisher;
 use service_shell::{
     BusSender, During, Options, QUEUE_AGE_MAX, Setup, ShellError, Stop, StopReason, Timer, block_on, clock,
-    echo_event,
+    echo_event, program_digest,
 };
 use settings::ConfigError;
 use tracing::{Instrument, info, info_span, warn};
@@ -204,6 +204,7 @@ impl Live {
         let health = NodeHealth {
             node: Text::truncated(NAME),
             started_at: self.started_at,
+            program_digest: program_digest(),
             steps: self.steps,
             published: self.voice.publisher.published(),
             ..NodeHealth::default()

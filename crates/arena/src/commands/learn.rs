@@ -1,6 +1,7 @@
 //! `arena learn`: an experiment in virtual time, its report and its pictures.
 
-use std::io::Write as _;
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -9,9 +10,11 @@ use clap::Args;
 use front_door::experiment::{self, Observer};
 use front_door::pictures;
 use front_door::report::{FlipReport, LearnReport};
+use front_door::virtual_recording::VirtualRecording;
 use quantity::Span;
 use schemas::{NodeEvent, Severity};
 use settings::Arena;
+use virtual_arena::{Heard, VirtualArena};
 
 use super::Failure;
 
@@ -29,6 +32,10 @@ pub struct Arguments {
     /// Fly this many seeds, from `--seed` on, and print how their outcomes are distributed.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     seeds: Option<u64>,
+    /// Record every datagram into this file. The learning is the same with and without, and the file has the same bytes
+    /// for the same seed.
+    #[arg(long, value_name = "FILE", conflicts_with = "seeds")]
+    record: Option<PathBuf>,
     /// Print one JSON object to standard output and progress to standard error.
     #[arg(long)]
     json: bool,
@@ -40,13 +47,64 @@ pub struct Arguments {
     config: PathBuf,
 }
 
-/// Prints a line per flip while the experiment runs.
-struct Progress {
-    json: bool,
-    flips: u32,
+/// A recording on its way to the file it will be: while it is not whole, its name says so.
+struct Recorder<'a> {
+    path: &'a Path,
+    settings: &'a Arena,
+    file: Option<File>,
+    recording: Option<VirtualRecording<BufWriter<File>>>,
+    failed: Option<Failure>,
 }
 
-impl Observer for Progress {
+impl<'a> Recorder<'a> {
+    fn new(path: &'a Path, settings: &'a Arena) -> Result<Self, Failure> {
+        let part = recording::part_of(path);
+        let file = File::create(&part).map_err(|source| Failure::File { path: part, source })?;
+        Ok(Self { path, settings, file: Some(file), recording: None, failed: None })
+    }
+
+    fn begin(&mut self, flying: &VirtualArena<'_>) {
+        let Some(file) = self.file.take() else { return };
+        match VirtualRecording::begin(BufWriter::new(file), flying, self.settings) {
+            Ok(recording) => self.recording = Some(recording),
+            Err(error) => self.failed = Some(self.failure(error)),
+        }
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        if let Some(recording) = self.recording.take() {
+            recording.finish().map_err(|error| self.failure(error))?;
+        }
+        self.failed.map_or(Ok(()), Err)?;
+        std::fs::rename(recording::part_of(self.path), self.path)
+            .map_err(|source| Failure::File { path: self.path.to_owned(), source })
+    }
+
+    fn failure(&self, error: recording::WriteError) -> Failure {
+        Failure::Recording { path: recording::part_of(self.path), reason: error.to_string() }
+    }
+}
+
+/// Prints a line per flip while the experiment runs, and records it if asked to.
+struct Progress<'a> {
+    json: bool,
+    flips: u32,
+    recorder: Option<Recorder<'a>>,
+}
+
+impl Observer for Progress<'_> {
+    fn begin(&mut self, flying: &VirtualArena<'_>) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.begin(flying);
+        }
+    }
+
+    fn heard(&mut self, heard: &Heard<'_>) {
+        if let Some(recording) = self.recorder.as_mut().and_then(|recorder| recorder.recording.as_mut()) {
+            recording.hear(heard);
+        }
+    }
+
     fn flip(&mut self, vehicle: u8, flip: &FlipReport) {
         self.flips += 1;
         // Progress is for people: a closed pipe must not end the experiment.
@@ -84,8 +142,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         return super::seeds::run(&arena, arguments.seed..arguments.seed + seeds, arguments.json);
     }
     let started = Instant::now();
-    let mut progress = Progress { json: arguments.json, flips: 0 };
+    let recorder = arguments.record.as_deref().map(|path| Recorder::new(path, &arena)).transpose()?;
+    let mut progress = Progress { json: arguments.json, flips: 0, recorder };
     let flown = experiment::learn(&arena, arguments.seed, &mut progress)?;
+    // What could not be recorded does not take the results away.
+    let recorded = progress.recorder.take().map_or(Ok(()), Recorder::finish);
     let mut report = flown.report;
     report.wall_s = started.elapsed().as_secs_f64();
     let folder = arguments.out.clone().unwrap_or_else(|| {
@@ -117,6 +178,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             eprintln!("vehicle {} stopped learning: {reason}", vehicle.id);
         }
     }
+    recorded?;
     Ok(if stopped { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 

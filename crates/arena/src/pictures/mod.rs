@@ -4,6 +4,7 @@ mod evolution;
 mod raster;
 mod side_view;
 mod style;
+mod time_plot;
 
 use std::path::{Path, PathBuf};
 
@@ -12,6 +13,7 @@ use thiserror::Error;
 pub use evolution::{errors_over_flips, parameters_over_flips};
 pub use raster::png_of;
 pub use side_view::{SidePoint, SideView, side_views};
+pub use time_plot::{Trace, time_plot};
 
 /// Why a picture was not made.
 #[derive(Debug, Error)]

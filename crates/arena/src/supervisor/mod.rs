@@ -3,6 +3,8 @@
 
 mod console;
 mod processes;
+mod recording;
+mod replay;
 mod screen;
 
 use std::path::{Path, PathBuf};
@@ -20,6 +22,8 @@ use tokio::time::MissedTickBehavior;
 
 pub use console::{Console, VehicleView};
 pub use processes::{Launch, Standing, Supervised};
+pub use recording::RecordPlan;
+pub use replay::{ReplayPlan, replay};
 pub use screen::Screen;
 
 /// How often processes are looked after and lines renewed.
@@ -54,6 +58,15 @@ pub enum SupervisorError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The logger is not heard.
+    #[error("the logger does not record; {} says why", log.display())]
+    NoLogger {
+        /// What it logged.
+        log: PathBuf,
+    },
+    /// A recording is not played, or not to its end.
+    #[error(transparent)]
+    Playback(#[from] playback::PlayError),
     /// The operating system refused something else.
     #[error("{what}: {source}")]
     System {
@@ -71,6 +84,7 @@ impl SupervisorError {
         match self {
             Self::Shell(error) => error.exit_code(),
             Self::Settings(_) => ExitCode::from(2),
+            Self::Playback(error) => error.exit_code(),
             _ => ExitCode::FAILURE,
         }
     }
@@ -96,6 +110,8 @@ pub struct Plan {
     pub seed: u64,
     /// Folder for secret, run id and logs.
     pub folder: PathBuf,
+    /// What everything is recorded into, if it shall be.
+    pub record: Option<RecordPlan>,
 }
 
 /// Brings a simulated arena up and stays with it to its end.
@@ -110,7 +126,7 @@ pub fn up(plan: &Plan, screen: &mut Screen) -> Result<Ending, SupervisorError> {
         .map_err(|source| SupervisorError::System { what: "starting the runtime", source })?
         .block_on(async {
             let mut arena = LiveArena::start(&setup, launch)?;
-            let ending = arena.attend(screen).await;
+            let ending = arena.fly(screen).await;
             // Whatever happened, no process is left behind.
             arena.end().await;
             ending
@@ -136,7 +152,8 @@ fn prepare(plan: &Plan) -> Result<(Setup, Launch), SupervisorError> {
     let setup = Setup::load("arena", &options)?;
     let program = std::env::current_exe()
         .map_err(|source| SupervisorError::System { what: "finding this program's own file", source })?;
-    Ok((setup, Launch { program, options, run, seed: plan.seed, logs }))
+    let record = plan.record.as_ref().map(RecordPlan::arguments);
+    Ok((setup, Launch { program, options, run, seed: plan.seed, logs, record }))
 }
 
 struct LiveArena {
@@ -151,14 +168,21 @@ struct LiveArena {
 impl LiveArena {
     fn start(setup: &Setup, launch: Launch) -> Result<Self, SupervisorError> {
         let network = &setup.arena.network;
-        let node = Node::<Console>::new(&setup.arena, &setup.secret, setup.identity, clock::now())?;
+        let mut node = Node::<Console>::new(&setup.arena, &setup.secret, setup.identity, clock::now())?;
+        // People reach into it, which no recording can tell of: it keeps no journal from the start.
+        node.core_mut();
         let receiver = BusReceiver::join(network, setup.identity.domain, Listen::Topics(node.topics_in()))?;
         let sender = BusSender::open(network, setup.identity.domain)?;
-        let mut processes = Vec::new();
+        Ok(Self { node, receiver, sender, processes: Vec::new(), launch, landing_since: None })
+    }
+
+    /// Starts everything, the logger first, and stays to the end.
+    async fn fly(&mut self, screen: &mut Screen) -> Result<Ending, SupervisorError> {
+        self.start_logger().await?;
         for service in roster::SERVICES.iter().copied().chain(["simulator"]) {
-            processes.push(Supervised::start(service, &launch)?);
+            self.processes.push(Supervised::start(service, &self.launch)?);
         }
-        Ok(Self { node, receiver, sender, processes, launch, landing_since: None })
+        self.attend(screen).await
     }
 
     async fn attend(&mut self, screen: &mut Screen) -> Result<Ending, SupervisorError> {
@@ -225,16 +249,6 @@ impl LiveArena {
             return Ok((now - since > LANDING_MAX).then_some(Ending::Stopped));
         }
         Ok(node.core().all_done().then_some(Ending::Finished))
-    }
-
-    /// Ends every process: the services first, the world last.
-    async fn end(&mut self) {
-        for process in &mut self.processes {
-            process.terminate();
-        }
-        for process in &mut self.processes {
-            process.wait_end(END_PATIENCE).await;
-        }
     }
 }
 

@@ -51,6 +51,8 @@ pub struct Launch {
     pub seed: u64,
     /// Folder for what the services log.
     pub logs: PathBuf,
+    /// The logger's own arguments, if there is a logger.
+    pub record: Option<Vec<std::ffi::OsString>>,
 }
 
 impl Supervised {
@@ -59,12 +61,20 @@ impl Supervised {
     /// # Errors
     /// The process cannot be started, or its log cannot be written.
     pub fn start(service: &str, launch: &Launch) -> Result<Self, SupervisorError> {
+        Self::start_as(service, service_shell::incarnation_now(), launch)
+    }
+
+    /// Starts a service under a given incarnation; a restart has a higher one.
+    ///
+    /// # Errors
+    /// As [`Supervised::start`].
+    pub fn start_as(service: &str, incarnation: u32, launch: &Launch) -> Result<Self, SupervisorError> {
         let mut supervised = Self {
             service: service.to_owned(),
             child: None,
             standing: Standing::Running,
             restarts: Vec::new(),
-            incarnation: service_shell::incarnation_now(),
+            incarnation,
         };
         supervised.spawn(launch)?;
         Ok(supervised)
@@ -105,6 +115,11 @@ impl Supervised {
         Ok(())
     }
 
+    /// Whether the process has ended by itself.
+    pub(super) fn has_ended(&mut self) -> bool {
+        self.child.as_mut().is_none_or(|child| !matches!(child.try_wait(), Ok(None)))
+    }
+
     fn notice_end(&mut self, now: Time) {
         let Some(Ok(Some(status))) = self.child.as_mut().map(Child::try_wait) else { return };
         self.child = None;
@@ -130,6 +145,9 @@ impl Supervised {
             command.args(["--seed", &launch.seed.to_string()]);
         }
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
+        if self.service == logger::NAME {
+            command.args(launch.record.iter().flatten());
+        }
         // Ctrl-C at the terminal is for the supervisor alone: it lands first.
         command.process_group(0);
         let child = command

@@ -99,7 +99,7 @@ fn nothing_comes_in_but_by_the_domains_own_group() {
         let mut sender = BusSender::open(&network, Domain::Sim).unwrap();
         other_sender.send(&datagram(Kind::Data, &topics::VEHICLE_STATE, 1));
         let unicast = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let to = (network.interface, network.sim.port);
+        let to = (network.interface.address(), network.sim.port);
         unicast.send_to(&datagram(Kind::Data, &topics::VEHICLE_STATE, 2), to).unwrap();
         sender.send(&datagram(Kind::Data, &topics::VEHICLE_STATE, 3));
         settle(&receiver).await;

@@ -1,0 +1,5 @@
+//! The logger's program.
+
+fn main() -> std::process::ExitCode {
+    logger::run()
+}

@@ -1,0 +1,5 @@
+//! Playback's program.
+
+fn main() -> std::process::ExitCode {
+    playback::run()
+}
