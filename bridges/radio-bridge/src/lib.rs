@@ -27,6 +27,7 @@ mod lease;
 mod orders;
 mod reports;
 mod slots;
+mod stop;
 mod telemetry;
 mod tuning;
 mod upload;
@@ -36,8 +37,8 @@ use device::vehicle_link::Downlink;
 use device::xbee::TransmitResult;
 use quantity::{Span, Time};
 use schemas::{
-    CommandSent, DeviceBytes, ManeuverAbort, ManeuverStart, ManeuverUpload, Severity, VehicleCommand,
-    VehicleTelemetry, topics,
+    CommandSent, DeviceBytes, ManeuverAbort, ManeuverStart, ManeuverUpload, Severity, StopKind, StopOrder,
+    VehicleCommand, VehicleTelemetry, topics,
 };
 use service_core::{Core, Event, Outbox, Start};
 use settings::{Arena, ConfigError, Ports};
@@ -62,6 +63,8 @@ service_core::inputs! {
         Start(ManeuverStart) = topics::MANEUVER_START,
         /// An order to end one early.
         Abort(ManeuverAbort) = topics::MANEUVER_ABORT,
+        /// The emergency stop, or its release.
+        Stop(StopOrder) = topics::STOP_ORDER,
         /// Bytes from the data link's radio.
         Received(DeviceBytes) = topics::RADIO_RX,
     }
@@ -147,6 +150,7 @@ impl Core for RadioBridge {
                     vehicle.abort(now, order, &pace);
                 }
             }
+            Event::Input(Input::Stop(order)) => self.stop(now, &order, out),
             Event::Input(Input::Received(bytes)) => self.receive(now, &bytes, out),
         }
         // What comes in at the very instant of a slot still belongs to it: the slot waits to be woken for.
@@ -205,6 +209,20 @@ impl RadioBridge {
         }
     }
 
+    /// An emergency order to one vehicle, or to all.
+    fn stop(&mut self, now: Time, order: &StopOrder, out: &mut Outbox<Output>) {
+        let wanted = |vehicle: &&mut Vehicle| order.vehicle == 0 || vehicle.id == order.vehicle;
+        for vehicle in self.vehicles.iter_mut().filter(wanted) {
+            if vehicle.stop.order(now, order) {
+                let (severity, name) = match order.kind {
+                    StopKind::Stop => (Severity::Fault, "emergency-stop"),
+                    StopKind::Release => (Severity::Warning, "emergency-released"),
+                };
+                out.event(now, severity, vehicle.id, name, "ordered by a person");
+            }
+        }
+    }
+
     fn upload(&mut self, now: Time, message: &ManeuverUpload, out: &mut Outbox<Output>) {
         let pace = self.pace;
         let Some(vehicle) = self.vehicle(now, message.vehicle, out) else {
@@ -222,7 +240,12 @@ impl RadioBridge {
             return;
         };
         for vehicle in &mut self.vehicles {
-            match vehicle.commands.serve(now, slot, vehicle.delay.delay_s()) {
+            let served = if vehicle.stop.holds() {
+                vehicle.commands.serve_stop(now, vehicle.stop.speaks(now))
+            } else {
+                vehicle.commands.serve(now, slot, vehicle.delay.delay_s())
+            };
+            match served {
                 Served::Sent { bytes, report, resumed } => {
                     self.counters.commands_sent += 1;
                     out.publish(bytes);
@@ -236,6 +259,10 @@ impl RadioBridge {
                             "the command link speaks",
                         );
                     }
+                }
+                Served::Stop(bytes) => {
+                    self.counters.stops_sent += 1;
+                    out.publish(bytes);
                 }
                 Served::FellSilent(reason) => {
                     out.event(now, Severity::Warning, vehicle.id, "command-silent", reason);

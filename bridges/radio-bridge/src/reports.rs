@@ -13,6 +13,8 @@ use crate::Output;
 pub struct Counters {
     /// Frames sent on the command links.
     pub commands_sent: u64,
+    /// Emergency stops sent on the command links.
+    pub stops_sent: u64,
     /// Slots left out because the driver came too late.
     pub slots_missed: u64,
     /// Commands refused for their lease epoch.

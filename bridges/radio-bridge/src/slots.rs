@@ -95,6 +95,8 @@ pub(crate) enum Served {
         /// Whether the slot before was silent, after others that were not.
         resumed: bool,
     },
+    /// An emergency stop is sent, as these bytes.
+    Stop(DeviceBytes),
     /// Silence, and the slot before was not silent: why.
     FellSilent(&'static str),
     /// Silence again.
@@ -137,16 +139,33 @@ impl CommandLink {
             collective_m_s2: frame.collective_m_s2,
             rate_rad_s: frame.rate_rad_s,
         };
+        let bytes = self.send(now, channels);
+        let resumed = !std::mem::replace(&mut self.talking, true);
+        Served::Sent { bytes, report, resumed }
+    }
+
+    /// Serves a slot of a stopped vehicle: with the stop, or with silence.
+    pub(crate) fn serve_stop(&mut self, now: Time, speaks: bool) -> Served {
+        // What was commanded before the stop is not flown after its release.
+        self.newest = None;
+        self.talking = false;
+        let stop = CommandFrame { mode: LinkMode::Stop, counter: self.counter, ..CommandFrame::default() };
+        match stop.encode(self.vehicle) {
+            Ok(channels) if speaks => Served::Stop(self.send(now, channels)),
+            _ => Served::Silent,
+        }
+    }
+
+    /// The bytes for the encoder, counted and remembered.
+    fn send(&mut self, now: Time, channels: [u16; 16]) -> DeviceBytes {
         let bytes = sbus::Frame::new(channels).encode();
-        let bytes = DeviceBytes {
+        self.sent_at[usize::from(self.counter)] = Some(now);
+        self.counter = CommandFrame::next_counter(self.counter);
+        DeviceBytes {
             port: Ports::command_link(self.vehicle),
             at: now,
             bytes: bytes.as_slice().try_into().expect("25 bytes are within the bound of device bytes"),
-        };
-        self.sent_at[usize::from(self.counter)] = Some(now);
-        self.counter = CommandFrame::next_counter(self.counter);
-        let resumed = !std::mem::replace(&mut self.talking, true);
-        Served::Sent { bytes, report, resumed }
+        }
     }
 
     fn usable(&self, now: Time) -> Result<VehicleCommand, &'static str> {

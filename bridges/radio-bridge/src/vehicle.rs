@@ -13,6 +13,7 @@ use crate::delay::LinkDelay;
 use crate::lease::Lease;
 use crate::orders::{AbortOrder, StartOrder};
 use crate::slots::CommandLink;
+use crate::stop::EmergencyStop;
 use crate::telemetry;
 use crate::tuning::Tuning;
 use crate::upload::{Outcome, Upload};
@@ -64,6 +65,8 @@ pub(crate) struct Vehicle {
     pub(crate) lease: Lease,
     /// What it is commanded.
     pub(crate) commands: CommandLink,
+    /// Whether a person has stopped it.
+    pub(crate) stop: EmergencyStop,
     /// How long its command link takes.
     pub(crate) delay: LinkDelay,
     clock: VehicleClock,
@@ -113,6 +116,7 @@ impl Vehicle {
             address: member.links.data_address,
             lease: Lease::default(),
             commands: CommandLink::new(member.id, Span::from_secs_f64(tuning.command_age_s_max)),
+            stop: EmergencyStop::default(),
             delay: LinkDelay::new(member.links.command_delay_s, tuning.action_delay_s),
             clock,
             pings: Pings { next_at: first_ping, token: first_token, waiting: VecDeque::new() },
@@ -132,6 +136,7 @@ impl Vehicle {
             self.upload.as_ref().map(Upload::due_at),
             self.start.as_ref().map(StartOrder::due_at),
             self.abort.as_ref().map(AbortOrder::due_at),
+            self.stop.due_at(),
         ];
         orders.into_iter().flatten().fold(self.pings.next_at, Time::min)
     }
@@ -144,6 +149,7 @@ impl Vehicle {
         out: &mut Outbox<Output>,
         mut send: impl FnMut(Uplink),
     ) {
+        self.stop.send_due(now, &mut send);
         if let Some(abort) = &mut self.abort {
             abort.send_due(now, pace.abort_retry, &mut send);
         }

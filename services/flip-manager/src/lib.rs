@@ -14,6 +14,7 @@ mod goals;
 mod order;
 mod phases;
 mod poses;
+mod recording;
 mod tuning;
 mod upload;
 mod vehicle;
@@ -24,16 +25,19 @@ mod tests;
 
 use quantity::{Span, Time};
 use schemas::{
-    ArenaOrder, FlipStatus, ManeuverAbort, ManeuverParameters, ManeuverResult, ManeuverStart, ManeuverUpload,
-    MocapFrame, VehicleGoal, VehicleState, VehicleTelemetry, topics,
+    ArenaOrder, FlipStatus, LoggerStatus, ManeuverAbort, ManeuverParameters, ManeuverResult, ManeuverStart,
+    ManeuverUpload, MocapFrame, VehicleGoal, VehicleState, VehicleTelemetry, topics,
 };
 use service_core::{Core, Event, Outbox, Start, inputs, outputs};
 use settings::{Arena, ConfigError, Hall};
 
-pub use tuning::{BatteryTuning, GateTuning, MeasureTuning, TimingTuning, Tuning, WatchTuning};
+pub use tuning::{
+    BatteryTuning, GateTuning, MeasureTuning, RecordingTuning, TimingTuning, Tuning, WatchTuning,
+};
 
 use order::StandingOrder;
 use phases::{Context, Phase};
+use recording::Recording;
 use vehicle::Vehicle;
 
 inputs! {
@@ -49,6 +53,8 @@ inputs! {
         Parameters(ManeuverParameters) = topics::MANEUVER_PARAMETERS,
         /// What people want.
         Order(ArenaOrder) = topics::ARENA_ORDER,
+        /// How the recording fares, if there is one.
+        Logger(LoggerStatus) = topics::LOGGER_STATUS,
     }
 }
 
@@ -79,6 +85,7 @@ pub struct FlipManager {
     hall: Hall,
     started_at: Time,
     order: StandingOrder,
+    recording: Recording,
     vehicles: Vec<Vehicle>,
     next_tick_at: Time,
 }
@@ -101,6 +108,7 @@ impl Core for FlipManager {
             hall: arena.hall.clone(),
             started_at: start.at,
             order: StandingOrder::default(),
+            recording: Recording::default(),
             vehicles,
             next_tick_at: start.at,
         })
@@ -144,6 +152,7 @@ impl FlipManager {
                 }
             }
             Input::Order(order) => self.order.take(now, order),
+            Input::Logger(status) => self.recording.hear(now, &status),
         }
     }
 
@@ -163,6 +172,7 @@ impl FlipManager {
             now,
             wanted: self.order.wanted(now, Span::from_secs_f64(self.tuning.timing.order_timeout_s)),
             started_at: self.started_at,
+            recording: &self.recording,
             hall: &self.hall,
             tuning: &self.tuning,
         };

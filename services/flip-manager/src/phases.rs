@@ -8,6 +8,7 @@ use settings::Hall;
 use crate::Out;
 use crate::gate::age_s;
 use crate::order::Wanted;
+use crate::recording::Recording;
 use crate::tuning::Tuning;
 use crate::vehicle::Vehicle;
 
@@ -57,6 +58,11 @@ pub(crate) enum Phase {
     },
 }
 
+/// So long after the start of this service nobody is told that a vehicle has yet to be tracked.
+const TRACKING_GRACE: Span = Span::from_secs(5);
+/// A refusal to take off is repeated this often while its reason stands.
+const REFUSAL_PERIOD: Span = Span::from_secs(10);
+
 /// What a vehicle does once it is down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rest {
@@ -93,6 +99,8 @@ pub(crate) struct Context<'a> {
     pub(crate) wanted: Wanted,
     /// When the service started.
     pub(crate) started_at: Time,
+    /// The recording.
+    pub(crate) recording: &'a Recording,
     /// The hall.
     pub(crate) hall: &'a Hall,
     /// The section of the settings.
@@ -253,6 +261,18 @@ impl Vehicle {
         if !ready {
             return;
         }
+        if !self.is_well_tracked(now, tuning) {
+            let detail = format!("not tracked for {:.1} s without a break", tuning.timing.tracked_s_min);
+            // A moment of it is every start's.
+            if now - context.started_at > TRACKING_GRACE {
+                self.refuse_take_off(context, &detail, out);
+            }
+            return;
+        }
+        if let Some(detail) = context.recording.refusal(now, &tuning.recording) {
+            self.refuse_take_off(context, &detail, out);
+            return;
+        }
         match self.end_of_work(context) {
             Some((severity, name, detail)) => {
                 self.report(context, severity, name, &detail, out);
@@ -262,6 +282,14 @@ impl Vehicle {
                 self.has_flown = false;
                 self.begin_approach(now);
             }
+        }
+    }
+
+    /// Says why it stays where it is, now and then.
+    fn refuse_take_off(&mut self, context: &Context, detail: &str, out: &mut Out) {
+        if self.refused_at.is_none_or(|at| context.now - at >= REFUSAL_PERIOD) {
+            self.refused_at = Some(context.now);
+            self.report(context, Severity::Warning, "take-off-refused", detail, out);
         }
     }
 

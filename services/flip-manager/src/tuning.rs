@@ -17,6 +17,8 @@ pub struct Tuning {
     pub measure: MeasureTuning,
     /// The battery's voltage at rest.
     pub battery: BatteryTuning,
+    /// What a take-off asks of the recording.
+    pub recording: RecordingTuning,
 }
 
 /// `[flip-manager.gate]`: what must hold before a flip begins (hazard H13 of the safety notes).
@@ -97,6 +99,8 @@ pub struct TimingTuning {
     pub end_grace_s: f64,
     /// A vehicle that cannot begin its next flip for this long lands.
     pub patience_s: f64,
+    /// Nobody takes off who has not been tracked without a break for this long.
+    pub tracked_s_min: f64,
     /// A flying vehicle that is silent for this long lands.
     pub silence_s_max: f64,
 }
@@ -115,6 +119,7 @@ impl Default for TimingTuning {
             start_s_max: 0.5,
             end_grace_s: 1.0,
             patience_s: 60.0,
+            tracked_s_min: 1.0,
             silence_s_max: 10.0,
         }
     }
@@ -205,6 +210,22 @@ impl Default for BatteryTuning {
     }
 }
 
+/// `[flip-manager.recording]`: what a take-off asks of the recording, where there is one.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecordingTuning {
+    /// Least free space on its disk, GiB.
+    pub free_gib_min: f64,
+    /// A word of the logger's older than this says nothing.
+    pub status_age_s_max: f64,
+}
+
+impl Default for RecordingTuning {
+    fn default() -> Self {
+        Self { free_gib_min: 2.0, status_age_s_max: 3.0 }
+    }
+}
+
 impl Tuning {
     /// Refuses what cannot be flown with.
     ///
@@ -215,7 +236,8 @@ impl Tuning {
         self.timing.check()?;
         self.watch.check(&self.gate)?;
         self.measure.check()?;
-        self.battery.check()
+        self.battery.check()?;
+        self.recording.check()
     }
 }
 
@@ -258,6 +280,7 @@ impl TimingTuning {
                 ("start_s_max", self.start_s_max, 0.02, 5.0),
                 ("end_grace_s", self.end_grace_s, 0.1, 60.0),
                 ("patience_s", self.patience_s, 1.0, 3600.0),
+                ("tracked_s_min", self.tracked_s_min, 0.0, 60.0),
                 ("silence_s_max", self.silence_s_max, 0.5, 3600.0),
             ],
         )
@@ -302,6 +325,18 @@ impl MeasureTuning {
 impl BatteryTuning {
     fn check(&self) -> Result<(), ConfigError> {
         in_ranges("battery", &[("smoothing_s", self.smoothing_s, 0.01, 100.0)])
+    }
+}
+
+impl RecordingTuning {
+    fn check(&self) -> Result<(), ConfigError> {
+        in_ranges(
+            "recording",
+            &[
+                ("free_gib_min", self.free_gib_min, 0.0, 1_000_000.0),
+                ("status_age_s_max", self.status_age_s_max, 0.5, 60.0),
+            ],
+        )
     }
 }
 

@@ -39,6 +39,8 @@ pub(crate) struct Vehicle {
     pub(crate) battery: Battery,
     /// Newest word of the estimator.
     pub(crate) state: Option<VehicleState>,
+    /// Since when it is tracked without a break.
+    pub(crate) tracked_since: Option<Time>,
     /// Newest word of the estimator that could be flown on.
     pub(crate) last_valid: Option<VehicleState>,
     /// Newest report of the vehicle.
@@ -69,10 +71,14 @@ pub(crate) struct Vehicle {
     pub(crate) set_ids: Identities,
     /// Identities of maneuvers.
     pub(crate) maneuver_ids: Identities,
+    /// When a take-off was last refused.
+    pub(crate) refused_at: Option<Time>,
     /// When goal and status were last said, and the phase they said.
     pub(crate) spoke: Option<(Time, FlipPhase)>,
 }
 
+/// Two estimates further apart are no unbroken tracking.
+const TRACKING_GAP_MAX: Span = Span::from_millis(100);
 /// A vehicle lower than this may stand on the floor.
 const AIRBORNE_M: f64 = 0.3;
 
@@ -83,6 +89,7 @@ impl Vehicle {
             goals: Goals::new(member),
             battery: member.vehicle.battery.clone(),
             state: None,
+            tracked_since: None,
             last_valid: None,
             telemetry: None,
             poses: Poses::new(tuning.measure.history_s),
@@ -98,6 +105,7 @@ impl Vehicle {
             iteration_min: 0,
             set_ids: Identities::new(incarnation),
             maneuver_ids: Identities::new(incarnation),
+            refused_at: None,
             spoke: None,
         }
     }
@@ -111,6 +119,13 @@ impl Vehicle {
     /// Takes an estimate. A stamp from the future counts as of now: nothing is younger than its arrival.
     pub(crate) fn hear_state(&mut self, now: Time, mut state: VehicleState) {
         state.estimated_for = state.estimated_for.min(now);
+        let unbroken =
+            self.state.is_none_or(|last| state.estimated_for - last.estimated_for <= TRACKING_GAP_MAX);
+        self.tracked_since = match state.tracking {
+            Tracking::Tracking if unbroken => self.tracked_since.or(Some(now)),
+            Tracking::Tracking => Some(now),
+            Tracking::Coasting | Tracking::Ballistic | Tracking::Invalid => None,
+        };
         if state.tracking != Tracking::Invalid {
             self.last_valid = Some(state);
         }
@@ -200,6 +215,13 @@ impl Vehicle {
         self.unmet = tuning.gate.unmet(&situation);
         self.steady_since =
             if self.unmet.is_steady() { Some(self.steady_since.unwrap_or(now)) } else { None };
+    }
+
+    /// Tracked without a break for as long as a take-off asks, up to now.
+    pub(crate) fn is_well_tracked(&self, now: Time, tuning: &Tuning) -> bool {
+        let span = Span::from_secs_f64(tuning.timing.tracked_s_min);
+        let fresh = self.state.is_some_and(|state| now - state.estimated_for <= TRACKING_GAP_MAX);
+        fresh && self.tracked_since.is_some_and(|since| now - since >= span)
     }
 
     /// Steady for as long as the gate asks.

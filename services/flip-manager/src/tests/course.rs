@@ -2,8 +2,8 @@
 
 use quantity::{Span, Time, Vector};
 use schemas::{
-    ArenaOrder, FlightMode, FlipOutcome, FlipPhase, GoalKind, LearnerVerdict, ManeuverPhase, ManeuverResult,
-    OrderKind,
+    ArenaOrder, FlightMode, FlipOutcome, FlipPhase, GoalKind, LearnerVerdict, LoggerStatus, ManeuverPhase,
+    ManeuverResult, OrderKind,
 };
 use service_core::{Core, Seed, Start};
 
@@ -410,4 +410,37 @@ fn a_wrong_setting_is_refused_by_its_name() {
     tuning.gate.speed_m_s_max = f64::NAN;
     let error = FlipManager::new(&settings, tuning, start).unwrap_err().to_string();
     assert!(error.contains("[flip-manager.gate] speed_m_s_max"), "{error}");
+}
+
+#[test]
+fn nobody_takes_off_onto_a_disk_that_is_about_to_fill_and_whoever_flies_flies_on() {
+    let nearly_full = LoggerStatus { free_bytes: 1 << 30, ..LoggerStatus::default() };
+    let mut rig = Rig::new();
+    for _ in 0..6 {
+        rig.hear(nearly_full.clone());
+        rig.run(2.0);
+    }
+    assert_eq!(rig.phases(), [FlipPhase::Idle]);
+    assert_eq!(rig.events, ["take-off-refused", "take-off-refused"], "at once, and after ten seconds");
+    // The logger is gone, or has room: nothing holds the vehicle any more.
+    rig.run(4.0);
+    assert!(rig.phases().contains(&FlipPhase::Approach));
+    rig.hear(nearly_full);
+    rig.run(2.0);
+    assert!(rig.phases().contains(&FlipPhase::Flip), "{:?}", rig.phases());
+}
+
+#[test]
+fn nobody_takes_off_without_a_second_of_unbroken_tracking() {
+    let mut rig = Rig::new();
+    for _ in 0..10 {
+        rig.faults.dark = true;
+        rig.run(0.3);
+        rig.faults.dark = false;
+        rig.run(0.7);
+    }
+    assert_eq!(rig.phases(), [FlipPhase::Idle]);
+    assert_eq!(rig.events, ["take-off-refused"], "once the usual start is over");
+    rig.run(0.9);
+    assert!(rig.phases().contains(&FlipPhase::Approach), "1.6 s without a break");
 }
