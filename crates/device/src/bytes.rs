@@ -44,12 +44,33 @@ impl<'a> Reader<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
+    pub(crate) fn i32(&mut self) -> Option<i32> {
+        self.array().map(i32::from_le_bytes)
+    }
+
     pub(crate) fn f32(&mut self) -> Option<f32> {
         self.array().map(f32::from_le_bytes)
     }
 
     pub(crate) fn f64(&mut self) -> Option<f64> {
         self.array().map(f64::from_le_bytes)
+    }
+
+    /// As many numbers as the array has places.
+    pub(crate) fn f32s<const N: usize>(&mut self) -> Option<[f32; N]> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            *number = self.f32()?;
+        }
+        Some(numbers)
+    }
+
+    /// Text up to its NUL, which is taken too.
+    pub(crate) fn text(&mut self) -> Option<&'a [u8]> {
+        let length = self.rest.iter().position(|byte| *byte == 0)?;
+        let text = self.take(length)?;
+        self.u8()?;
+        Some(text)
     }
 }
 
@@ -93,8 +114,19 @@ impl<'a> Writer<'a> {
         self.bytes(&value.to_le_bytes())
     }
 
+    pub(crate) fn i32(&mut self, value: i32) -> &mut Self {
+        self.bytes(&value.to_le_bytes())
+    }
+
     pub(crate) fn f32(&mut self, value: f32) -> &mut Self {
         self.bytes(&value.to_le_bytes())
+    }
+
+    pub(crate) fn f32s(&mut self, values: &[f32]) -> &mut Self {
+        for value in values {
+            self.f32(*value);
+        }
+        self
     }
 
     pub(crate) fn f64(&mut self, value: f64) -> &mut Self {

@@ -1,5 +1,5 @@
-//! Checks over our own frames: CRC-11 for SBUS channels, CRC-16 for radio payloads, FNV-1a for parameter
-//! sets.
+//! Checks: over our own frames CRC-11 for channels, CRC-16 for radio payloads, FNV-1a for parameter sets;
+//! over CRSF's frames its CRC-8.
 
 /// CRC-11/UMTS (polynomial 0x307, initial value 0) over 11-bit words, most significant bit first.
 ///
@@ -13,6 +13,13 @@ const fn crc11_bit(crc: u16, bit: u16) -> u16 {
     let feedback = ((crc >> 10) ^ bit) & 1;
     let shifted = (crc << 1) & 0x7FF;
     if feedback == 1 { shifted ^ 0x307 } else { shifted }
+}
+
+/// CRC-8/DVB-S2 (polynomial 0xD5, initial value 0).
+pub(crate) fn crc8(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |crc, byte| {
+        (0..8).fold(crc ^ byte, |crc, _| if crc & 0x80 == 0 { crc << 1 } else { (crc << 1) ^ 0xD5 })
+    })
 }
 
 /// CRC-16/IBM-3740, often called CCITT-FALSE (polynomial 0x1021, initial value 0xFFFF).
@@ -40,6 +47,7 @@ mod tests {
         let bits =
             b"123456789".iter().flat_map(|byte| (0..8).rev().map(move |bit| u16::from(byte >> bit) & 1));
         assert_eq!(bits.fold(0, crc11_bit), 0x061);
+        assert_eq!(crc8(b"123456789"), 0xBC);
         assert_eq!(crc16(b"123456789"), 0x29B1);
         assert_eq!(fnv1a64(*b"foobar"), 0x8594_4171_F739_67E8);
     }

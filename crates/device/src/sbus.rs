@@ -6,6 +6,8 @@
 
 use core::fmt;
 
+use crate::channels::{self, PACKED_BYTES};
+
 /// Bytes of a frame.
 pub const FRAME_BYTES: usize = 25;
 
@@ -43,12 +45,7 @@ impl Frame {
     pub fn encode(&self) -> [u8; FRAME_BYTES] {
         let mut out = [0; FRAME_BYTES];
         out[0] = HEADER;
-        for (channel, value) in self.channels.iter().enumerate() {
-            for bit in (0..11).filter(|bit| (value >> bit) & 1 == 1) {
-                let at = channel * 11 + bit;
-                out[1 + at / 8] |= 1 << (at % 8);
-            }
-        }
+        out[1..=PACKED_BYTES].copy_from_slice(&channels::pack(&self.channels));
         let flags = [
             (self.channel_17, FLAG_CHANNEL_17),
             (self.channel_18, FLAG_CHANNEL_18),
@@ -65,19 +62,11 @@ impl Frame {
     /// # Errors
     /// [`NotAFrame`] where the first or the last byte is not what every frame has there.
     pub fn decode(bytes: &[u8; FRAME_BYTES]) -> Result<Self, NotAFrame> {
-        if bytes[0] != HEADER || bytes[24] != FOOTER {
+        let [HEADER, packed @ .., flags, FOOTER] = bytes else {
             return Err(NotAFrame { first: bytes[0], last: bytes[24] });
-        }
-        let mut channels = [0u16; 16];
-        for (channel, value) in channels.iter_mut().enumerate() {
-            for bit in 0..11 {
-                let at = channel * 11 + bit;
-                *value |= u16::from((bytes[1 + at / 8] >> (at % 8)) & 1) << bit;
-            }
-        }
-        let flags = bytes[23];
+        };
         Ok(Self {
-            channels,
+            channels: channels::unpack(packed),
             channel_17: flags & FLAG_CHANNEL_17 != 0,
             channel_18: flags & FLAG_CHANNEL_18 != 0,
             frame_lost: flags & FLAG_FRAME_LOST != 0,

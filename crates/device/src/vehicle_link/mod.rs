@@ -3,7 +3,7 @@
 //! A vehicle has two radios, as in the paper (Lupashin 2010, section V.A):
 //!
 //! * the *command link*, one way, 50 Hz, one stream per vehicle: a [`CommandFrame`] in the sixteen channels
-//!   of an SBUS frame. Each frame stands for itself; the newest wins.
+//!   of an SBUS or a CRSF frame. Each frame stands for itself; the newest wins.
 //! * the *data link*, both ways, slower and lossy: an [`Uplink`] or a [`Downlink`] in one radio payload of at
 //!   most [`PAYLOAD_BYTES_MAX`] bytes. Every message may be lost, repeated or overtaken without harm: orders
 //!   carry an identity and are obeyed once, reports carry the whole state.
