@@ -14,10 +14,20 @@ mod flights;
 mod hostile;
 /// Real processes on loopback multicast.
 mod live;
+/// A recording back on the bus, as live data, and out of any radio's reach.
+mod playback;
+/// Hostile bytes by the thousand: what the fuzz targets promise.
+mod reading;
+/// A live arena that is recorded: first steps, last words, a disk that fills.
+mod recording;
 /// In how many slices the time is run through makes no difference.
 mod slices;
 /// The design's invariants, held against the source itself.
 mod tidy;
+/// The tools without compiled-in types, on files and on a live bus.
+mod tools;
+/// What a recording proves of the services in it.
+mod verify;
 /// The topic table is what the services say it is.
 mod wiring;
 /// N seeds draw the whole world: faults, network, places.

@@ -8,3 +8,5 @@ mod link;
 mod network;
 /// A service dies, sleeps or comes back.
 mod services;
+/// A person presses the emergency stop.
+mod stop;
