@@ -109,6 +109,10 @@ fn a_replayed_stream_changes_nothing_but_counters() {
     let span = Span::from_secs(1);
     disturbed.arena.run_for(span, &mut |heard| stream.push(heard.published.datagram.to_vec()));
     quiet.arena.run_for(span, &mut |_| {});
+    // What was still on its way has arrived: a copy that overtakes its original is the first to come, and no replay.
+    for arena in [&mut disturbed.arena, &mut quiet.arena] {
+        arena.run_for(Span::from_millis(1), &mut |_| {});
+    }
     for datagram in &stream {
         disturbed.arena.throw(datagram);
     }
@@ -121,7 +125,7 @@ fn a_replayed_stream_changes_nothing_but_counters() {
         });
         bodies
     };
-    assert_eq!(said(&mut disturbed), said(&mut quiet), "the replay was heard");
+    assert!(said(&mut disturbed) == said(&mut quiet), "the replay was heard");
     assert!(disturbed.dropped(DropReason::Replayed) > 500, "{}", disturbed.dropped(DropReason::Replayed));
 }
 

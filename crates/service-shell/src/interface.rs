@@ -65,8 +65,8 @@ mod tests {
 
     #[test]
     fn a_network_this_host_is_not_in_is_refused_by_its_name() {
-        // TEST-NET-1: no host is in it, whether or not there is a route that would lead there.
-        let error = interface_address("192.0.2.0/24".parse().unwrap()).unwrap_err();
-        assert!(error.to_string().contains("192.0.2.0/24"), "{error}");
+        // Reserved (RFC 1112): no host is in it, whether or not there is a route that would lead there.
+        let error = interface_address("240.1.2.0/24".parse().unwrap()).unwrap_err();
+        assert!(error.to_string().contains("240.1.2.0/24"), "{error}");
     }
 }
