@@ -53,6 +53,20 @@ pub fn copy(from: &Path, to: &Path) {
     }
 }
 
+/// A folder of its own for one test, with a copy of the settings on groups' ports of its own.
+pub fn place(name: &str, port_offset: u16) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&folder);
+    copy(&config(), &folder.join("config"));
+    let network = folder.join("config/network.toml");
+    let text = fs::read_to_string(&network).unwrap();
+    let text = [47101_u16, 47102, 47103, 51001, 52000, 52100]
+        .iter()
+        .fold(text, |text, port| text.replace(&port.to_string(), &(port + port_offset).to_string()));
+    fs::write(&network, text).unwrap();
+    folder
+}
+
 /// A scenario's settings.
 pub fn arena(scenario: &str) -> Arena {
     Arena::load(&config(), scenario).unwrap()

@@ -16,6 +16,8 @@ mod hostile;
 mod live;
 /// A recording back on the bus, as live data, and out of any radio's reach.
 mod playback;
+/// The front door as a process: its lines, its signals.
+mod process;
 /// Hostile bytes by the thousand: what the fuzz targets promise.
 mod reading;
 /// A live arena that is recorded: first steps, last words, a disk that fills.

@@ -1,39 +1,22 @@
 //! A live arena that is recorded: from the first step to the last words, and on a disk that fills.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::Duration;
 
 use recording::{Recording, Selection};
 use schemas::{NodeJournal, topics};
 use wire::Kind;
 
-use crate::common::{config, copy, front_door};
-
-/// Long enough for a crowded machine.
-const PATIENCE: Duration = Duration::from_secs(180);
+use crate::common::{front_door, place};
+use crate::process::Process;
 
 /// A recorded arena in a folder of its own, on groups and ports of its own.
-struct Recorded {
-    child: Child,
-    lines: Receiver<String>,
-    heard: Vec<String>,
-    folder: PathBuf,
-}
+struct Recorded(Process);
 
 fn folder(name: &str, port_offset: u16) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("recording-{name}"));
-    let _ = fs::remove_dir_all(&folder);
-    copy(&config(), &folder.join("config"));
-    let network = folder.join("config/network.toml");
-    let text = fs::read_to_string(&network).unwrap();
-    let text = [47101_u16, 47102, 47103, 51001, 52000, 52100]
-        .iter()
-        .fold(text, |text, port| text.replace(&port.to_string(), &(port + port_offset).to_string()));
-    fs::write(&network, text).unwrap();
+    let folder = place(&format!("recording-{name}"), port_offset);
     // The disks here are small on purpose; nobody shall stay on the ground for it.
     let services = folder.join("config/services.toml");
     let mut text = fs::read_to_string(&services).unwrap();
@@ -42,67 +25,21 @@ fn folder(name: &str, port_offset: u16) -> PathBuf {
     folder
 }
 
-impl Recorded {
-    fn start(folder: PathBuf, mut command: Command) -> Self {
-        let mut child = command
-            .current_dir(&folder)
-            .env_remove("FLYARENA_SECRET_FILE")
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::inherit())
-            .spawn()
-            .unwrap();
-        let (sender, lines) = channel();
-        let out = BufReader::new(child.stdout.take().unwrap());
-        std::thread::spawn(move || {
-            for line in out.lines().map_while(Result::ok) {
-                if sender.send(line).is_err() {
-                    return;
-                }
-            }
-        });
-        Self { child, lines, heard: Vec::new(), folder }
-    }
-
-    fn wait_for(&mut self, what: &str, wanted: impl Fn(&str) -> bool) -> String {
-        let give_up = Instant::now() + PATIENCE;
-        loop {
-            match self.lines.recv_timeout(Duration::from_millis(500)) {
-                Ok(line) => {
-                    self.heard.push(line.clone());
-                    if wanted(&line) {
-                        return line;
-                    }
-                }
-                Err(RecvTimeoutError::Timeout) if Instant::now() < give_up => {}
-                Err(_) => panic!("no {what}; the arena said:\n{}\n{}", self.heard.join("\n"), self.log()),
-            }
-        }
-    }
-
-    fn log(&self) -> String {
-        fs::read_to_string(self.folder.join(".flyarena/logs/logger.log")).unwrap_or_default()
-    }
-}
-
 impl Drop for Recorded {
     fn drop(&mut self) {
-        if matches!(self.child.try_wait(), Ok(None)) {
+        if matches!(self.0.child.try_wait(), Ok(None)) {
             // The arena that a script has started does not end with the script.
-            for line in self.heard.iter().filter_map(|line| line.strip_prefix("process ")) {
+            for line in self.0.heard.iter().filter_map(|line| line.strip_prefix("process ")) {
                 let arena = line.parse().unwrap();
                 terminate(arena);
                 std::thread::sleep(Duration::from_millis(300));
                 terminate(arena);
             }
-            terminate(self.child.id());
-            std::thread::sleep(Duration::from_millis(300));
-            terminate(self.child.id());
-            let _ = self.child.wait();
         }
     }
 }
 
+/// One that has ended already needs no signal.
 fn terminate(id: u32) {
     let _ = Command::new("kill").args(["-TERM", &id.to_string()]).status();
 }
@@ -135,12 +72,12 @@ fn a_flight_is_recorded_from_every_nodes_first_step_to_its_last() {
     let folder = folder("flight", 3100);
     let mut command = Command::new(front_door());
     command.args(["up", "double-flip", "--record", "flight.mcap", "--min-free", "0"]);
-    let mut flight = Recorded::start(folder, command);
-    flight.wait_for("vehicle that tracks", |line| line.contains("Tracking"));
-    terminate(flight.child.id());
-    flight.wait_for("landing", |line| line == "landed");
-    assert!(flight.child.wait().unwrap().success());
-    let recording = Recording::open(&flight.folder.join("flight.mcap")).unwrap();
+    let mut flight = Recorded(Process::start(folder, command));
+    flight.0.wait_for("vehicle that tracks", |line| line.contains("Tracking"));
+    terminate(flight.0.child.id());
+    flight.0.wait_for("landing", |line| line == "landed");
+    assert!(flight.0.child.wait().unwrap().success());
+    let recording = Recording::open(&flight.0.folder.join("flight.mcap")).unwrap();
     assert!(recording.damage().is_empty(), "{:?}", recording.damage());
     let ending = recording.ending().unwrap();
     assert_eq!((ending.dropped_full, ending.dropped_stopped), (0, 0));
@@ -178,19 +115,19 @@ fn a_disk_that_fills_in_flight_costs_the_recording_and_nothing_else() {
     );
     let mut command = Command::new("unshare");
     command.args(["-rm", "sh", "-c", &script]);
-    let mut flight = Recorded::start(folder, command);
-    let process = flight.wait_for("process", |line| line.starts_with("process "));
-    flight.wait_for("word of the full disk", |line| line.starts_with("logger: recording-stopped"));
-    flight.wait_for("completed flip", |line| line.contains("flip   0 completed"));
-    flight.wait_for("second completed flip", |line| line.contains("flip   1 completed"));
+    let mut flight = Recorded(Process::start(folder, command));
+    let process = flight.0.wait_for("process", |line| line.starts_with("process "));
+    flight.0.wait_for("word of the full disk", |line| line.starts_with("logger: recording-stopped"));
+    flight.0.wait_for("completed flip", |line| line.contains("flip   0 completed"));
+    flight.0.wait_for("second completed flip", |line| line.contains("flip   1 completed"));
     terminate(process.trim_start_matches("process ").parse().unwrap());
-    flight.wait_for("landing", |line| line == "landed");
-    assert!(flight.child.wait().unwrap().success());
-    let told = flight.heard.iter().filter(|line| line.starts_with("logger: ")).count();
-    assert_eq!(told, 1, "one clear message: {:?}", flight.heard);
-    let recording = Recording::open(&flight.folder.join("flight.mcap")).unwrap();
+    flight.0.wait_for("landing", |line| line == "landed");
+    assert!(flight.0.child.wait().unwrap().success());
+    let told = flight.0.heard.iter().filter(|line| line.starts_with("logger: ")).count();
+    assert_eq!(told, 1, "one clear message: {:?}", flight.0.heard);
+    let recording = Recording::open(&flight.0.folder.join("flight.mcap")).unwrap();
     assert!(recording.damage().is_empty(), "{:?}", recording.damage());
     assert!(recording.message_count() > 100);
     assert!(recording.ending().unwrap().reason.contains("No space left"), "{:?}", recording.ending());
-    assert!(!flight.folder.join("flight.mcap.part").exists());
+    assert!(!flight.0.folder.join("flight.mcap.part").exists());
 }

@@ -90,7 +90,7 @@ pub mod topics {
         /// Where the time goes, node by node; live only.
         NODE_LATENCY: NodeLatency = "node/latency", by "*", for [], at 1;
         /// How the recording fares.
-        LOGGER_STATUS: LoggerStatus = "logger/status", by "logger", for ["arena", "flip-manager"], at 2;
+        LOGGER_STATUS: LoggerStatus = "logger/status", by "logger", for ["flip-manager"], at 2;
         /// What people want of the logger.
         LOGGER_ORDER: LoggerOrder = "logger/order", by "arena", for ["logger"], at 1;
         /// The time of a replay, which every shell of the replay domain lives by.

@@ -4,9 +4,8 @@ mod attack;
 mod services;
 mod stream;
 
-use std::fs;
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,7 +21,7 @@ use settings::Arena;
 use virtual_arena::VirtualArena;
 use wire::{Domain, Kind, Secret};
 
-use crate::common::{config, copy, front_door};
+use crate::common::{front_door, place};
 
 const RUN: u64 = 0xfeed;
 /// Long enough for a crowded machine; a healthy one needs a tenth.
@@ -37,15 +36,7 @@ struct Hall {
 
 impl Hall {
     fn new(name: &str, port_offset: u16) -> Self {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("playback-{name}"));
-        let _ = fs::remove_dir_all(&folder);
-        copy(&config(), &folder.join("config"));
-        let network = folder.join("config/network.toml");
-        let text = fs::read_to_string(&network).unwrap();
-        let text = [47101_u16, 47102, 47103, 51001, 52000, 52100]
-            .iter()
-            .fold(text, |text, port| text.replace(&port.to_string(), &(port + port_offset).to_string()));
-        fs::write(&network, text).unwrap();
+        let folder = place(&format!("playback-{name}"), port_offset);
         let secret = folder.join(".flyarena/secret");
         service_shell::create_secret_if_absent(&secret).unwrap();
         Self {

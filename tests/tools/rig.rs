@@ -15,7 +15,7 @@ use service_core::{Observer, Publisher};
 use service_shell::identity;
 use wire::{Domain, Header, Kind, Role, Secret, SigningKey, TopicName};
 
-use crate::common::{config, copy, front_door};
+use crate::common::{front_door, place};
 
 pub const RUN: u64 = 0xab;
 pub const SECRET: [u8; 32] = [7; 32];
@@ -31,15 +31,7 @@ pub struct Place(pub PathBuf);
 
 impl Place {
     pub fn new(name: &str, port_offset: u16) -> Self {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("tools-{name}"));
-        let _ = fs::remove_dir_all(&folder);
-        copy(&config(), &folder.join("config"));
-        let network = folder.join("config/network.toml");
-        let text = fs::read_to_string(&network).unwrap();
-        let text = [47101_u16, 47102, 47103]
-            .iter()
-            .fold(text, |text, port| text.replace(&port.to_string(), &(port + port_offset).to_string()));
-        fs::write(&network, text).unwrap();
+        let folder = place(&format!("tools-{name}"), port_offset);
         let secret = folder.join(".flyarena/secret");
         fs::create_dir_all(secret.parent().unwrap()).unwrap();
         fs::write(&secret, SECRET).unwrap();

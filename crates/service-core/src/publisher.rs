@@ -70,10 +70,7 @@ impl Publisher {
         message: &M,
         sink: &mut dyn FnMut(Published<'_>),
     ) -> Result<(), SayError> {
-        self.body.clear();
-        wire::encode(message, &mut self.body)?;
-        self.seal(now, topic, Kind::Data, sink)?;
-        Ok(())
+        self.encode_and_seal(now, topic, Kind::Data, message, sink)
     }
 
     /// Publishes a batch of a node's journal.
@@ -86,10 +83,7 @@ impl Publisher {
         batch: &NodeJournal,
         sink: &mut dyn FnMut(Published<'_>),
     ) -> Result<(), SayError> {
-        self.body.clear();
-        wire::encode(batch, &mut self.body)?;
-        self.seal(now, &topics::NODE_JOURNAL, Kind::Journal, sink)?;
-        Ok(())
+        self.encode_and_seal(now, &topics::NODE_JOURNAL, Kind::Journal, batch, sink)
     }
 
     /// Publishes a body that is already encoded, and says under which sequence number.
@@ -103,22 +97,40 @@ impl Publisher {
         body: &[u8],
         sink: &mut dyn FnMut(Published<'_>),
     ) -> Result<u64, SayError> {
-        self.body.clear();
-        self.body.extend_from_slice(body);
-        self.seal(now, topic, Kind::Data, sink)
+        self.seal(now, topic, Kind::Data, body, sink)
     }
 
     /// Announces the definitions of some topics: name, NUL, text.
     pub fn announce(&mut self, now: Time, topics: &[&'static Topic], sink: &mut dyn FnMut(Published<'_>)) {
+        let mut body = std::mem::take(&mut self.body);
         for topic in topics {
-            self.body.clear();
-            self.body.extend_from_slice(topic.schema.name.as_bytes());
-            self.body.push(0);
-            self.body.extend_from_slice(topic.schema_text().as_bytes());
+            body.clear();
+            body.extend_from_slice(topic.schema.name.as_bytes());
+            body.push(0);
+            body.extend_from_slice(topic.schema_text().as_bytes());
             // A test holds every definition of the table to the length of a body. With a clock before its zero nothing
             // can be said, and whatever else the node publishes says so.
-            let _ = self.seal(now, topic, Kind::Schema, sink);
+            let _ = self.seal(now, topic, Kind::Schema, &body, sink);
         }
+        self.body = body;
+    }
+
+    fn encode_and_seal<M: Message>(
+        &mut self,
+        now: Time,
+        topic: &'static Topic,
+        kind: Kind,
+        message: &M,
+        sink: &mut dyn FnMut(Published<'_>),
+    ) -> Result<(), SayError> {
+        // Taken and put back, it keeps its memory.
+        let mut body = std::mem::take(&mut self.body);
+        body.clear();
+        let said = wire::encode(message, &mut body)
+            .map_err(SayError::from)
+            .and_then(|()| self.seal(now, topic, kind, &body, sink));
+        self.body = body;
+        said.map(|_| ())
     }
 
     fn seal(
@@ -126,6 +138,7 @@ impl Publisher {
         now: Time,
         topic: &'static Topic,
         kind: Kind,
+        body: &[u8],
         sink: &mut dyn FnMut(Published<'_>),
     ) -> Result<u64, SayError> {
         let place = self.place_of(topic.hash, kind);
@@ -144,11 +157,11 @@ impl Publisher {
         let by_every_node = kind != Kind::Data || topic.writer == "*";
         let key = if by_every_node { self.keyring.node() } else { self.keyring.own() };
         let name = TopicName::new(topic.name).expect("the topic table's test holds names to 1 to 255 bytes");
-        wire::seal(&header, name, &self.body, key, &mut self.datagram)?;
+        wire::seal(&header, name, body, key, &mut self.datagram)?;
         // Only what is sent takes a number: to those who listen, a number that never comes is a loss.
         self.sequences[place].2 = sequence;
         self.published += 1;
-        sink(Published { topic, kind, datagram: &self.datagram, body: &self.body });
+        sink(Published { topic, kind, datagram: &self.datagram, body });
         Ok(sequence)
     }
 

@@ -4,8 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use quantity::Time;
 use schemas::{
-    FlipPhase, FlipStatus, LoggerStatus, ManeuverResult, NodeEvent, NodeHealth, OrderKind, VehicleState,
-    topics,
+    FlipPhase, FlipStatus, ManeuverResult, NodeEvent, NodeHealth, OrderKind, VehicleState, topics,
 };
 use service_core::{Core, Event, Outbox, Start};
 use settings::{Arena, ConfigError};
@@ -25,8 +24,6 @@ service_core::inputs! {
         Event(NodeEvent) = topics::NODE_EVENT,
         /// How each node fares.
         Health(NodeHealth) = topics::NODE_HEALTH,
-        /// How the recording fares, if there is one.
-        Logger(LoggerStatus) = topics::LOGGER_STATUS,
     }
 }
 
@@ -51,7 +48,6 @@ pub struct Console {
     vehicles: BTreeMap<u8, VehicleView>,
     events: VecDeque<NodeEvent>,
     health: BTreeMap<String, NodeHealth>,
-    logger: Option<LoggerStatus>,
 }
 
 impl Console {
@@ -70,12 +66,6 @@ impl Console {
     #[must_use]
     pub fn health(&self) -> &BTreeMap<String, NodeHealth> {
         &self.health
-    }
-
-    /// How the recording fared when its logger last said so.
-    #[must_use]
-    pub fn logger(&self) -> Option<&LoggerStatus> {
-        self.logger.as_ref()
     }
 
     /// The events since the last call.
@@ -108,7 +98,6 @@ impl Core for Console {
             vehicles: arena.fleet.iter().map(|member| (member.vehicle.id, VehicleView::default())).collect(),
             events: VecDeque::new(),
             health: BTreeMap::new(),
-            logger: None,
         })
     }
 
@@ -147,7 +136,6 @@ impl Core for Console {
             Event::Input(Input::Health(health)) => {
                 self.health.insert(health.node.to_string(), health);
             }
-            Event::Input(Input::Logger(status)) => self.logger = Some(status),
         }
     }
 }
