@@ -12,6 +12,6 @@ pub struct DeviceBytes {
     pub port: u16,
     /// When they arrived at this host, or when they were handed to the device.
     pub at: Time,
-    /// The bytes, as they were on the cable.
-    pub bytes: Seq<u8, 1472>,
+    /// The bytes, as they were on the cable: a datagram, or a piece of a serial stream.
+    pub bytes: Seq<u8, 32768>,
 }

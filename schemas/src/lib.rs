@@ -46,6 +46,8 @@ pub mod topics {
     crate::topic::table! {
         /// Bytes from the motion-capture system.
         VICON_RX: DeviceBytes = "vicon/rx", by "vicon-bridge", for ["vicon-bridge"], at 200;
+        /// Bytes to the motion-capture system: OptiTrack's must be asked.
+        VICON_TX: DeviceBytes = "vicon/tx", by "vicon-bridge", for [], at 1;
         /// Poses.
         MOCAP_FRAME: MocapFrame = "mocap/frame", by "vicon-bridge", for ["estimator", "flip-manager"], at 200;
         /// Estimates and predictions.

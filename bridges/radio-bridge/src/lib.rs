@@ -1,7 +1,7 @@
 //! Commands and parameters in, radio bytes out; telemetry back.
 //!
 //! ```text
-//!   vehicle/command ─▶ lease ─▶ slots ─┬─ 50 Hz ─▶ radio/tx, port command_link(vehicle): SBUS, 25 bytes
+//!   vehicle/command ─▶ lease ─▶ slots ─┬─ 50 Hz ─▶ radio/tx, port command_link(vehicle): SBUS or CRSF
 //!                                      └─▶ vehicle/command-sent, as quantised
 //!   maneuver/upload ─▶ upload ─┐
 //!   maneuver/start  ─▶ orders ─┼─▶ data_link ─▶ radio/tx, port DATA_LINK: XBee TX16, escaped
@@ -23,6 +23,7 @@
 mod clock;
 mod data_link;
 mod delay;
+mod encoder;
 mod lease;
 mod orders;
 mod reports;
@@ -44,6 +45,7 @@ use service_core::{Core, Event, Outbox, Start};
 use settings::{Arena, ConfigError, Ports};
 
 use data_link::{DataLink, Heard};
+use encoder::Encoder;
 use lease::Admission;
 use reports::Reports;
 use slots::{Schedule, Served};
@@ -113,6 +115,7 @@ impl Core for RadioBridge {
         let vehicles = arena.fleet.iter().zip(0i64..).map(|(member, index)| {
             Vehicle::new(
                 &member.vehicle,
+                Encoder::new(&arena.network.devices.command_link),
                 &tuning,
                 start.at.saturating_add(share * index),
                 start.seed.0 as u16,

@@ -7,11 +7,12 @@
 //! An old command is never repeated. The vehicle watches the age of its newest frame and holds level, then
 //! lands, by itself; a bridge that repeats a dead controller's last word takes that away from it.
 
-use device::sbus;
-use device::vehicle_link::{CommandFrame, CommandMode as LinkMode, roll_pitch_rad};
+use device::vehicle_link::{ChannelMap, CommandFrame, CommandMode as LinkMode, roll_pitch_rad};
 use quantity::{Span, Time};
 use schemas::{CommandMode, CommandSent, DeviceBytes, VehicleCommand};
 use settings::Ports;
+
+use crate::encoder::Encoder;
 
 /// Values of a frame's counter.
 const COUNTERS: usize = 32;
@@ -76,6 +77,7 @@ impl Schedule {
 #[derive(Clone, Debug)]
 pub(crate) struct CommandLink {
     vehicle: u8,
+    encoder: Encoder,
     age_max: Span,
     newest: Option<(VehicleCommand, Time)>,
     counter: u8,
@@ -105,8 +107,16 @@ pub(crate) enum Served {
 
 impl CommandLink {
     /// A link that has sent nothing; commands over `age_max` old are not sent.
-    pub(crate) const fn new(vehicle: u8, age_max: Span) -> Self {
-        Self { vehicle, age_max, newest: None, counter: 0, sent_at: [None; COUNTERS], talking: false }
+    pub(crate) const fn new(vehicle: u8, encoder: Encoder, age_max: Span) -> Self {
+        Self {
+            vehicle,
+            encoder,
+            age_max,
+            newest: None,
+            counter: 0,
+            sent_at: [None; COUNTERS],
+            talking: false,
+        }
     }
 
     /// A command its lease allows.
@@ -125,7 +135,7 @@ impl CommandLink {
             Ok(command) => command,
             Err(reason) => return self.fall_silent(reason),
         };
-        let Some((frame, channels)) = frame(&command, self.vehicle, self.counter) else {
+        let Some((frame, channels)) = frame(&command, self.encoder.map, self.vehicle, self.counter) else {
             return self.fall_silent("the newest command is not finite");
         };
         let report = CommandSent {
@@ -150,7 +160,7 @@ impl CommandLink {
         self.newest = None;
         self.talking = false;
         let stop = CommandFrame { mode: LinkMode::Stop, counter: self.counter, ..CommandFrame::default() };
-        match stop.encode(self.vehicle) {
+        match self.encoder.map.encode(&stop, self.vehicle) {
             Ok(channels) if speaks => Served::Stop(self.send(now, channels)),
             _ => Served::Silent,
         }
@@ -158,13 +168,13 @@ impl CommandLink {
 
     /// The bytes for the encoder, counted and remembered.
     fn send(&mut self, now: Time, channels: [u16; 16]) -> DeviceBytes {
-        let bytes = sbus::Frame::new(channels).encode();
+        let bytes = self.encoder.bytes(channels);
         self.sent_at[usize::from(self.counter)] = Some(now);
         self.counter = CommandFrame::next_counter(self.counter);
         DeviceBytes {
             port: Ports::command_link(self.vehicle),
             at: now,
-            bytes: bytes.as_slice().try_into().expect("25 bytes are within the bound of device bytes"),
+            bytes: bytes.try_into().expect("a frame is within the bound of device bytes"),
         }
     }
 
@@ -185,7 +195,14 @@ impl CommandLink {
 }
 
 /// The frame as the vehicle will read it, and its channels.
-fn frame(command: &VehicleCommand, vehicle: u8, counter: u8) -> Option<(CommandFrame, [u16; 16])> {
+fn frame(
+    command: &VehicleCommand,
+    map: ChannelMap,
+    vehicle: u8,
+    counter: u8,
+) -> Option<(CommandFrame, [u16; 16])> {
+    // A controller that orders the emergency descent has no estimate left to hint at.
+    let estimated = command.mode != CommandMode::Descend;
     let (roll_rad, pitch_rad) = roll_pitch_rad(command.orientation);
     let frame = CommandFrame {
         mode: match command.mode {
@@ -196,22 +213,24 @@ fn frame(command: &VehicleCommand, vehicle: u8, counter: u8) -> Option<(CommandF
         counter,
         collective_m_s2: command.collective_m_s2,
         rate_rad_s: command.rate_rad_s,
-        // A controller that orders the emergency descent has no estimate left to hint at.
-        hints_valid: command.mode != CommandMode::Descend,
+        attitude_valid: estimated,
+        height_valid: estimated,
         roll_rad,
         pitch_rad,
         height_m: command.height_m,
         vertical_speed_m_s: command.vertical_speed_m_s,
         epoch_low: command.lease_epoch as u8,
     };
-    let channels = frame.encode(vehicle).ok()?;
-    CommandFrame::decode(&channels).ok().map(|(_, as_sent)| (as_sent, channels))
+    let channels = map.encode(&frame, vehicle).ok()?;
+    map.decode(&channels, vehicle).ok().map(|(_, as_sent)| (as_sent, channels))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use device::sbus;
     use quantity::{Rotation, Vector};
+    use settings::{ChannelBits, CommandProtocol};
 
     fn ms(milliseconds: i64) -> Time {
         Time::ZERO + Span::from_millis(milliseconds)
@@ -232,12 +251,22 @@ mod tests {
     }
 
     fn link() -> CommandLink {
-        CommandLink::new(3, Span::from_millis(60))
+        link_of(CommandProtocol::Sbus, ChannelBits::Eleven)
+    }
+
+    fn link_of(protocol: CommandProtocol, channel_bits: ChannelBits) -> CommandLink {
+        let url = "udp://127.0.0.1:52100".parse().expect("a URL");
+        let encoder = Encoder::new(&settings::CommandLink { protocol, url, channel_bits });
+        CommandLink::new(3, encoder, Span::from_millis(60))
     }
 
     const GOLDEN: [u8; 25] = [
-        0x0F, 0x55, 0x6C, 0x5A, 0xD1, 0x56, 0x88, 0xB3, 0x10, 0xFA, 0x0D, 0x50, 0xDA, 0x1B, 0xC0, 0x01, 0x02,
-        0x00, 0x00, 0x00, 0x04, 0x00, 0xA2, 0x00, 0x00,
+        0x0F, 0x55, 0x6C, 0x5A, 0xD1, 0x56, 0x88, 0xB3, 0x10, 0xFA, 0x0D, 0x50, 0xDA, 0x1B, 0xC0, 0x01, 0x06,
+        0x00, 0x00, 0x00, 0x08, 0xC0, 0xE7, 0x00, 0x00,
+    ];
+    const GOLDEN_CRSF: [u8; 26] = [
+        0xEE, 0x18, 0x16, 0x57, 0x7C, 0x5A, 0xD1, 0x56, 0x08, 0xF0, 0x40, 0x6D, 0xEF, 0x67, 0xC3, 0x07, 0x1F,
+        0xF8, 0xC0, 0x07, 0x3E, 0xF0, 0x81, 0x0F, 0x7C, 0x22,
     ];
     const SLOT: Slot = Slot { number: 5, next_at: Time::from_nanos(120_000_000) };
 
@@ -282,10 +311,22 @@ mod tests {
         assert!(resumed);
         assert_eq!((bytes.port, bytes.at, bytes.bytes.len()), (0x103, ms(100), 25));
         // Packed and sealed by a separate program from the channels 1109 845 837 1067 824 1057 894 640 986 3
-        // 7 1 0 0 1 that the map's table gives for this command.
+        // 7 3 0 0 2 that the map's table gives for this command.
         assert_eq!(bytes.bytes[..], GOLDEN);
         assert_eq!((report.vehicle, report.slot, report.lease_epoch), (3, 5, 0x107));
         assert_eq!((report.sent_at, report.next_slot_at, report.link_delay_s), (ms(100), ms(120), 0.018));
+    }
+
+    #[test]
+    fn over_crsf_and_ten_bits_a_frame_is_the_golden_one_of_the_compact_map() {
+        let mut link = link_of(CommandProtocol::Crsf, ChannelBits::Ten);
+        link.counter = 19;
+        link.command(ms(90), command(ms(150)));
+        let Served::Sent { bytes, report, .. } = link.serve(ms(100), SLOT, 0.018) else { panic!("silent") };
+        // Likewise, from the compact map's table: height and vertical speed have their turn.
+        assert_eq!(bytes.bytes[..], GOLDEN_CRSF);
+        // Ten bits are coarser than eleven, and the report says so.
+        assert!((report.collective_m_s2 - 418.0 * 24.0 / 1023.0).abs() < 1e-12);
     }
 
     #[test]
@@ -296,7 +337,7 @@ mod tests {
         let channels =
             sbus::Frame::decode(bytes.bytes[..].try_into().expect("25")).expect("a frame").channels;
         let (vehicle, frame) = CommandFrame::decode(&channels).expect("sealed");
-        assert_eq!((vehicle, frame.mode, frame.hints_valid), (3, LinkMode::Fly, true));
+        assert_eq!((vehicle, frame.mode, frame.attitude_valid), (3, LinkMode::Fly, true));
         assert_eq!((report.collective_m_s2, report.rate_rad_s), (frame.collective_m_s2, frame.rate_rad_s));
         assert_ne!(report.collective_m_s2, 9.81);
         assert!((frame.pitch_rad + 0.2).abs() < 1e-3 && (frame.roll_rad - 0.1).abs() < 2e-3);
@@ -348,6 +389,6 @@ mod tests {
         let channels =
             sbus::Frame::decode(bytes.bytes[..].try_into().expect("25")).expect("a frame").channels;
         let (_, frame) = CommandFrame::decode(&channels).expect("sealed");
-        assert_eq!((frame.mode, frame.hints_valid), (LinkMode::Descend, false));
+        assert_eq!((frame.mode, frame.attitude_valid), (LinkMode::Descend, false));
     }
 }

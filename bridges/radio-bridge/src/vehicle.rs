@@ -10,6 +10,7 @@ use service_core::Outbox;
 use crate::Output;
 use crate::clock::{Plausibility, VehicleClock};
 use crate::delay::LinkDelay;
+use crate::encoder::Encoder;
 use crate::lease::Lease;
 use crate::orders::{AbortOrder, StartOrder};
 use crate::slots::CommandLink;
@@ -103,6 +104,7 @@ impl Vehicle {
     /// A vehicle not heard of yet, to be pinged from `first_ping` on.
     pub(crate) fn new(
         member: &settings::Vehicle,
+        encoder: Encoder,
         tuning: &Tuning,
         first_ping: Time,
         first_token: u16,
@@ -115,7 +117,7 @@ impl Vehicle {
             id: member.id,
             address: member.links.data_address,
             lease: Lease::default(),
-            commands: CommandLink::new(member.id, Span::from_secs_f64(tuning.command_age_s_max)),
+            commands: CommandLink::new(member.id, encoder, Span::from_secs_f64(tuning.command_age_s_max)),
             stop: EmergencyStop::default(),
             delay: LinkDelay::new(member.links.command_delay_s, tuning.action_delay_s),
             clock,

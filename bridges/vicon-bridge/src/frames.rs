@@ -8,7 +8,7 @@ const RESTART_FRAMES_MIN: u32 = 5;
 
 /// What a datagram's frame number says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Sighting {
+pub(crate) enum Numbering {
     /// A frame after all before it, by its unwrapped number.
     New(u64),
     /// The newest frame once more.
@@ -44,30 +44,30 @@ impl FrameCounter {
     }
 
     /// Takes in the number of a datagram that arrived at `at`.
-    pub(crate) fn sight(&mut self, number: u32, at: Time) -> Sighting {
+    pub(crate) fn sight(&mut self, number: u32, at: Time) -> Numbering {
         let Some((newest, frame)) = self.newest else {
             self.newest = Some((number, u64::from(number)));
-            return Sighting::New(u64::from(number));
+            return Numbering::New(u64::from(number));
         };
         // Half the range ahead is ahead, the other half behind: the only reading that survives the wrap.
         let ahead = number.wrapping_sub(newest);
         if ahead == 0 {
-            return Sighting::Same;
+            return Numbering::Same;
         }
         if ahead <= u32::MAX / 2 {
             let frame = frame + u64::from(ahead);
             self.newest = Some((number, frame));
             self.behind = None;
-            return Sighting::New(frame);
+            return Numbering::New(frame);
         }
         let run = self.run_behind(number, at);
         if run.frames < RESTART_FRAMES_MIN || at - run.since < self.restart {
             self.behind = Some(run);
-            return Sighting::Late;
+            return Numbering::Late;
         }
         self.behind = None;
         self.newest = Some((number, frame + 1));
-        Sighting::Restarted(frame + 1)
+        Numbering::Restarted(frame + 1)
     }
 
     fn run_behind(&self, number: u32, at: Time) -> Behind {
@@ -86,7 +86,7 @@ impl FrameCounter {
 pub(crate) struct OpenFrame {
     /// The frame, its exposure still to be filled in.
     pub(crate) message: MocapFrame,
-    /// When its first datagram came: the one the clock's fit goes by.
+    /// When its first datagram came, less what its latency had above the usual: what the clock's fit goes by.
     pub(crate) first_at: Time,
     /// When to stop waiting for more.
     pub(crate) close_at: Time,
@@ -109,23 +109,23 @@ mod tests {
     #[test]
     fn the_count_goes_on_across_the_wrap() {
         let mut counter = counter();
-        assert_eq!(counter.sight(u32::MAX - 1, at(0)), Sighting::New(u64::from(u32::MAX) - 1));
-        assert_eq!(counter.sight(u32::MAX, at(5)), Sighting::New(u64::from(u32::MAX)));
-        assert_eq!(counter.sight(0, at(10)), Sighting::New(1 << 32));
-        assert_eq!(counter.sight(u32::MAX, at(11)), Sighting::Late);
-        assert_eq!(counter.sight(2, at(20)), Sighting::New((1 << 32) + 2));
+        assert_eq!(counter.sight(u32::MAX - 1, at(0)), Numbering::New(u64::from(u32::MAX) - 1));
+        assert_eq!(counter.sight(u32::MAX, at(5)), Numbering::New(u64::from(u32::MAX)));
+        assert_eq!(counter.sight(0, at(10)), Numbering::New(1 << 32));
+        assert_eq!(counter.sight(u32::MAX, at(11)), Numbering::Late);
+        assert_eq!(counter.sight(2, at(20)), Numbering::New((1 << 32) + 2));
     }
 
     #[test]
     fn stragglers_are_late_and_repeats_are_the_same() {
         let mut counter = counter();
         counter.sight(100, at(0));
-        assert_eq!(counter.sight(100, at(0)), Sighting::Same);
-        assert_eq!(counter.sight(103, at(10)), Sighting::New(103));
+        assert_eq!(counter.sight(100, at(0)), Numbering::Same);
+        assert_eq!(counter.sight(103, at(10)), Numbering::New(103));
         for (number, milliseconds) in [(101, 11), (102, 11), (99, 90)] {
-            assert_eq!(counter.sight(number, at(milliseconds)), Sighting::Late);
+            assert_eq!(counter.sight(number, at(milliseconds)), Numbering::Late);
         }
-        assert_eq!(counter.sight(104, at(95)), Sighting::New(104));
+        assert_eq!(counter.sight(104, at(95)), Numbering::New(104));
     }
 
     #[test]
@@ -133,11 +133,11 @@ mod tests {
         for restart_at in [0, 1, 90_000, 99_950] {
             let mut counter = counter();
             counter.sight(100_000, at(0));
-            let mut sightings =
+            let mut numberings =
                 (0..11).map(|frame| counter.sight(restart_at + frame, at(1000 + 5 * i64::from(frame))));
-            assert!(sightings.by_ref().take(10).all(|sighting| sighting == Sighting::Late));
-            assert_eq!(sightings.next(), Some(Sighting::Restarted(100_001)));
-            assert_eq!(counter.sight(restart_at + 11, at(1055)), Sighting::New(100_002));
+            assert!(numberings.by_ref().take(10).all(|sighting| sighting == Numbering::Late));
+            assert_eq!(numberings.next(), Some(Numbering::Restarted(100_001)));
+            assert_eq!(counter.sight(restart_at + 11, at(1055)), Numbering::New(100_002));
         }
     }
 
@@ -146,7 +146,7 @@ mod tests {
         let mut counter = counter();
         counter.sight(100, at(0));
         for milliseconds in 0..1000 {
-            assert_eq!(counter.sight(7, at(milliseconds)), Sighting::Late);
+            assert_eq!(counter.sight(7, at(milliseconds)), Numbering::Late);
         }
     }
 }

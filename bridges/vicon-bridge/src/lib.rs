@@ -1,12 +1,13 @@
 //! Motion-capture bytes in, frames of poses out.
 //!
 //! ```text
-//!   cable      UDP datagrams of the Tracker object stream: u32 frame number, objects in mm and Euler angles
-//!     │  vicon/rx (DeviceBytes, stamped with the kernel's arrival time)
-//!     ▼
-//!   decode     device::vicon; anything else is counted and dropped
+//!   cable      UDP datagrams: Vicon Tracker's object stream, or OptiTrack's NatNet (the bridge asks, natnet)
+//!     │  vicon/rx (DeviceBytes, stamped with the kernel's arrival time)         ▲  vicon/tx
+//!     ▼                                                                         │
+//!   decode     device::vicon or device::natnet; anything else is counted and dropped
 //!   number     frames:   u32 -> u64 that never falls; late numbers dropped, a vendor's restart found
-//!   clock      clock:    frame number -> exposure, by the fastest arrivals less links.mocap_latency_s
+//!   clock      clock:    frame number -> exposure, by the fastest arrivals less the latency: that which the
+//!                        server stamps, else links.mocap_latency_s
 //!   names      subjects: subject name -> vehicle; strangers reported once each
 //!   judge      poses:    not finite, zero, repeated, absurd -> not seen; the rest in metres and quaternions
 //!   merge      frames:   datagrams of one number -> one frame
@@ -21,21 +22,25 @@
 
 mod clock;
 mod frames;
+mod natnet;
 mod poses;
 mod reports;
+mod sighting;
 mod subjects;
 mod tuning;
 
-use device::vicon::{Datagram, Object};
+use device::vicon;
 use quantity::{Span, Time};
 use schemas::{DeviceBytes, MocapBody, MocapFrame, Severity, topics};
 use service_core::{Core, Event, Outbox, Start};
-use settings::{Arena, ConfigError, Ports};
+use settings::{Arena, ConfigError, MotionCaptureProtocol, Ports};
 
 use clock::{FrameClock, Rhythm};
-use frames::{FrameCounter, OpenFrame, Sighting};
+use frames::{FrameCounter, Numbering, OpenFrame};
+use natnet::{Client, Heard};
 use poses::{PoseGuard, PoseLimits, Refusal};
 use reports::Reports;
+use sighting::{Exposure, Shown, Sighting};
 use subjects::{Subjects, Whose};
 
 pub use reports::Counters;
@@ -44,7 +49,7 @@ pub use tuning::Tuning;
 service_core::inputs! {
     /// What the bridge hears.
     pub enum Input {
-        /// A datagram of the object stream.
+        /// A datagram of the motion-capture system's.
         Received(DeviceBytes) = topics::VICON_RX,
     }
 }
@@ -54,15 +59,22 @@ service_core::outputs! {
     pub enum Output {
         /// The vehicles seen at one exposure.
         Frame(MocapFrame) = topics::MOCAP_FRAME,
+        /// A question to the motion-capture system.
+        Ask(DeviceBytes) = topics::VICON_TX,
     }
 }
 
 /// A stream that was never heard is reported no sooner than this after the start.
 const START_GRACE: Span = Span::from_secs(1);
+/// Bytes of the longest request to a motion-capture system.
+const REQUEST_BYTES_MAX: usize = 512;
 
 /// The vicon bridge.
 #[derive(Clone, Debug)]
 pub struct ViconBridge {
+    /// Of a system that must be asked for its stream.
+    client: Option<Client>,
+    latency: Span,
     merge: Span,
     expect: Span,
     frozen: Span,
@@ -112,7 +124,13 @@ impl Core for ViconBridge {
             silent: false,
             frozen: false,
         };
+        let capture = &arena.network.devices.motion_capture;
         Ok(Self {
+            client: match capture.protocol {
+                MotionCaptureProtocol::Vicon => None,
+                MotionCaptureProtocol::Natnet => Some(Client::new(&capture.natnet, start.at)),
+            },
+            latency,
             merge: Span::from_secs_f64(tuning.merge_s),
             expect: Span::from_secs_f64(tuning.expect_s),
             frozen: Span::from_secs_f64(tuning.frozen_s),
@@ -137,7 +155,8 @@ impl Core for ViconBridge {
     fn deadline(&self) -> Option<Time> {
         let silent_at = (!self.stream.silent).then(|| self.stream.heard_at.saturating_add(self.silent));
         let close_at = self.open.as_ref().map(|open| open.close_at);
-        [silent_at, close_at].into_iter().flatten().min()
+        let ask_at = self.client.as_ref().map(Client::due_at);
+        [silent_at, close_at, ask_at].into_iter().flatten().min()
     }
 
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
@@ -150,6 +169,7 @@ impl Core for ViconBridge {
                 self.watch_silence(now, out);
             }
         }
+        self.ask(now, out);
     }
 }
 
@@ -160,44 +180,94 @@ impl ViconBridge {
         Counters { unknown_objects: self.subjects.unknown_objects(), ..self.counters }
     }
 
+    /// Says to the motion-capture system what is due.
+    fn ask(&mut self, now: Time, out: &mut Outbox<Output>) {
+        let Some(request) = self.client.as_mut().and_then(|client| client.ask(now)) else {
+            return;
+        };
+        let mut bytes = [0; REQUEST_BYTES_MAX];
+        let length = request.encode(&mut bytes).expect("the buffer holds the longest request");
+        let bytes = bytes[..length].try_into().expect("a request is within the bound of device bytes");
+        out.publish(DeviceBytes { port: Ports::MOTION_CAPTURE, at: now, bytes });
+    }
+
     fn receive(&mut self, now: Time, datagram: &DeviceBytes, out: &mut Outbox<Output>) {
-        if datagram.port != Ports::VICON {
+        if !matches!(datagram.port, Ports::MOTION_CAPTURE | Ports::MOTION_CAPTURE_GROUP) {
             self.counters.foreign += 1;
             return;
         }
         self.counters.datagrams += 1;
-        let arrived = datagram.at.min(now);
-        let decoded = match Datagram::decode(&datagram.bytes) {
-            Ok(decoded) => decoded,
-            Err(error) => {
+        let exposure = match self.decode(now, &datagram.bytes, out) {
+            Ok(Some(exposure)) => exposure,
+            Ok(None) => return,
+            Err(reason) => {
                 self.counters.undecodable += 1;
-                self.reports.warn(now, 0, "datagram-undecodable", || error.to_string(), out);
+                self.reports.warn(now, 0, "datagram-undecodable", || reason, out);
                 return;
             }
         };
-        self.hear(now, out);
-        match self.counter.sight(decoded.frame_number, arrived) {
-            Sighting::New(frame) => self.begin(now, frame, arrived, out),
-            Sighting::Restarted(frame) => {
+        self.expose(now, datagram.at.min(now), &exposure, out);
+    }
+
+    /// The poses in a datagram, if it has any.
+    fn decode(
+        &mut self,
+        now: Time,
+        bytes: &[u8],
+        out: &mut Outbox<Output>,
+    ) -> Result<Option<Exposure>, String> {
+        let Some(client) = &mut self.client else {
+            let datagram = vicon::Datagram::decode(bytes).map_err(|error| error.to_string())?;
+            let sightings = datagram.objects().map(|object| Sighting::from(&object)).collect();
+            return Ok(Some(Exposure { number: datagram.frame_number, latency: None, sightings }));
+        };
+        let said = |out: &mut Outbox<Output>, name, detail: &str| {
+            out.event(now, Severity::Info, 0, name, detail);
+        };
+        match client.hear(now, bytes).map_err(|error| error.to_string())? {
+            Heard::Exposure(exposure) => return Ok(Some(exposure)),
+            Heard::Server(server) => {
+                // Another server counts otherwise.
                 self.clock.restart();
-                let detail = format!("frame numbers run on from {}", decoded.frame_number);
-                out.event(now, Severity::Warning, 0, "vicon-restarted", &detail);
-                self.begin(now, frame, arrived, out);
+                said(out, "motion-capture-server", &server);
             }
-            Sighting::Same => self.watch_freeze(now, decoded.frame_number, out),
-            Sighting::Late => {
+            Heard::Models(count) => said(out, "motion-capture-models", &format!("{count} rigid bodies")),
+            Heard::Nothing => {}
+            Heard::TooEarly => self.counters.too_early += 1,
+        }
+        Ok(None)
+    }
+
+    /// Takes in what a datagram that arrived at `arrived` shows.
+    fn expose(&mut self, now: Time, arrived: Time, exposure: &Exposure, out: &mut Outbox<Output>) {
+        self.hear(now, out);
+        // The clock takes off the common latency again.
+        let departed = match exposure.latency {
+            Some(latency) => (arrived - latency).saturating_add(self.latency),
+            None => arrived,
+        };
+        match self.counter.sight(exposure.number, arrived) {
+            Numbering::New(frame) => self.begin(now, frame, arrived, departed, out),
+            Numbering::Restarted(frame) => {
+                self.clock.restart();
+                let detail = format!("frame numbers run on from {}", exposure.number);
+                out.event(now, Severity::Warning, 0, "vicon-restarted", &detail);
+                self.begin(now, frame, arrived, departed, out);
+            }
+            Numbering::Same => self.watch_freeze(now, exposure.number, out),
+            Numbering::Late => {
                 self.counters.late += 1;
                 return;
             }
         }
         let Some(mut open) = self.open.take() else {
             self.counters.late += 1;
-            self.expect_next_time(now, &decoded);
+            self.expect_next_time(now, exposure);
             return;
         };
         open.message.received_at = open.message.received_at.max(arrived);
-        for object in decoded.objects() {
-            self.add(now, &mut open, &object, out);
+        for sighting in &exposure.sightings {
+            self.add(now, &mut open, sighting, out);
         }
         let complete =
             self.tracks.iter().enumerate().all(|(index, track)| {
@@ -210,18 +280,18 @@ impl ViconBridge {
     }
 
     /// Of a datagram whose frame went out without it: the next frame shall wait for these.
-    fn expect_next_time(&mut self, now: Time, datagram: &Datagram<'_>) {
-        for object in datagram.objects() {
-            if let Whose::Vehicle(index) = self.subjects.whose(object.name) {
+    fn expect_next_time(&mut self, now: Time, exposure: &Exposure) {
+        for sighting in &exposure.sightings {
+            if let Whose::Vehicle(index) = self.subjects.whose(&sighting.name) {
                 self.tracks[index].reported_at = now;
             }
         }
     }
 
     /// Begins a frame; the one before has had its time.
-    fn begin(&mut self, now: Time, frame: u64, arrived: Time, out: &mut Outbox<Output>) {
+    fn begin(&mut self, now: Time, frame: u64, arrived: Time, departed: Time, out: &mut Outbox<Output>) {
         self.close(out);
-        if self.clock.observe(frame, arrived) == Rhythm::Broken {
+        if self.clock.observe(frame, departed) == Rhythm::Broken {
             self.counters.clock_breaks += 1;
             let detail = || format!("arrivals from frame {frame} on do not fit those before");
             self.reports.warn(now, 0, "frame-rhythm-changed", detail, out);
@@ -233,7 +303,7 @@ impl ViconBridge {
         }
         let message = MocapFrame { frame, received_at: arrived, ..MocapFrame::default() };
         let close_at = now.saturating_add(self.merge);
-        self.open = Some(OpenFrame { message, first_at: arrived, close_at, reported: 0 });
+        self.open = Some(OpenFrame { message, first_at: departed, close_at, reported: 0 });
     }
 
     /// Publishes the open frame, if there is one.
@@ -247,13 +317,13 @@ impl ViconBridge {
     }
 
     /// Adds an object to the open frame, if it is a vehicle and its pose may be believed.
-    fn add(&mut self, now: Time, open: &mut OpenFrame, object: &Object<'_>, out: &mut Outbox<Output>) {
-        let index = match self.subjects.whose(object.name) {
+    fn add(&mut self, now: Time, open: &mut OpenFrame, sighting: &Sighting, out: &mut Outbox<Output>) {
+        let index = match self.subjects.whose(&sighting.name) {
             Whose::Vehicle(index) => index,
             Whose::Stranger => return,
             Whose::NewStranger => {
                 let detail =
-                    format!("{:?} is no vehicle of this arena", String::from_utf8_lossy(object.name));
+                    format!("{:?} is no vehicle of this arena", String::from_utf8_lossy(&sighting.name));
                 out.event(now, Severity::Warning, 0, "subject-unknown", &detail);
                 return;
             }
@@ -265,7 +335,11 @@ impl ViconBridge {
         open.reported |= 1 << index;
         let (subject, track) = (&self.subjects.known()[index], &mut self.tracks[index]);
         track.reported_at = now;
-        match track.guard.judge(object, open.first_at, &self.limits) {
+        let Some(shown) = &sighting.shown else {
+            self.counters.untracked += 1;
+            return;
+        };
+        match track.guard.judge(shown, open.first_at, &self.limits) {
             Ok(pose) => {
                 let (position_m, orientation) = (pose.position_m, pose.orientation);
                 let body = MocapBody { position_m, orientation, ..subject.body.clone() };
@@ -274,19 +348,12 @@ impl ViconBridge {
             }
             Err(refusal) => {
                 let vehicle = subject.body.vehicle;
-                self.refuse(now, vehicle, refusal, object, out);
+                self.refuse(now, vehicle, refusal, shown, out);
             }
         }
     }
 
-    fn refuse(
-        &mut self,
-        now: Time,
-        vehicle: u8,
-        refusal: Refusal,
-        object: &Object<'_>,
-        out: &mut Outbox<Output>,
-    ) {
+    fn refuse(&mut self, now: Time, vehicle: u8, refusal: Refusal, shown: &Shown, out: &mut Outbox<Output>) {
         let (name, count) = match refusal {
             Refusal::NotFinite => ("pose-not-finite", &mut self.counters.not_finite),
             Refusal::Zero => ("pose-zero", &mut self.counters.zero),
@@ -300,11 +367,7 @@ impl ViconBridge {
         if matches!(refusal, Refusal::Repeated(repeats) if repeats != self.identical_reported) {
             return;
         }
-        let detail = || {
-            let ([x, y, z], [a, b, c]) = (object.translation_mm, object.rotation_rad);
-            format!("{x:.1} {y:.1} {z:.1} mm, {a:.4} {b:.4} {c:.4} rad")
-        };
-        self.reports.warn(now, vehicle, name, detail, out);
+        self.reports.warn(now, vehicle, name, || shown.to_string(), out);
     }
 
     fn hear(&mut self, now: Time, out: &mut Outbox<Output>) {
@@ -312,14 +375,14 @@ impl ViconBridge {
         if self.stream.silent {
             self.stream.silent = false;
             self.stream.heard_at = now;
-            out.event(now, Severity::Info, 0, "vicon-heard", "the object stream is back");
+            out.event(now, Severity::Info, 0, "vicon-heard", "the stream of poses is back");
         }
     }
 
     fn watch_silence(&mut self, now: Time, out: &mut Outbox<Output>) {
         if !self.stream.silent && now >= self.stream.heard_at.saturating_add(self.silent) {
             self.stream.silent = true;
-            let detail = format!("no datagram of the object stream for {}", self.silent);
+            let detail = format!("no poses for {}", self.silent);
             out.event(now, Severity::Warning, 0, "vicon-silent", &detail);
         }
     }

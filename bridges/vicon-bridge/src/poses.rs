@@ -1,16 +1,15 @@
 //! Which of the poses the cameras report may be believed.
 //!
-//! The stream has no sign of occlusion: a vehicle that is not seen may be absent, at zero, or repeat its last
-//! pose. A number may be no number, and a changed unit at the vendor's system makes millimetres of metres.
+//! Vicon's stream has no sign of occlusion: a vehicle that is not seen may be absent, at zero, or repeat its last
+//! pose. OptiTrack's has one, and shows the last pose or zero all the same. A number may be no number, and a changed unit at the vendor's system makes millimetres of metres.
 //! What gets past here is finite, new, somewhere near the hall, and of unit length; whether it is *plausible*
 //! is the estimator's question, who knows how the vehicle moved before.
 
-use device::vicon::{Object, euler_to_rotation};
 use quantity::{Body, Rotation, Span, Time, Vector, World};
 use settings::Hall;
 
-/// The vendor's angles are within a turn either way; what is beyond two is degrees or worse.
-const ANGLE_RAD_MAX: f64 = 4.0 * core::f64::consts::PI;
+use crate::sighting::Shown;
+
 /// A pose in the vicinity of a thousandth of the last good one is that one in the wrong unit: how near.
 const SLIP_TOLERANCE_M: f64 = 0.01;
 /// Below this distance from the origin the two cannot be told apart.
@@ -40,7 +39,7 @@ pub(crate) enum Refusal {
     OutsideHall,
     /// The last one in metres, read as millimetres.
     UnitSlip,
-    /// Angles of more than two turns: another unit, or nonsense.
+    /// Angles of more than two turns, or a quaternion without a direction: another unit, or nonsense.
     Angles,
 }
 
@@ -76,7 +75,7 @@ impl PoseLimits {
 /// Judges the poses of one vehicle.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct PoseGuard {
-    newest_bits: Option<[u64; 6]>,
+    newest_bits: Option<[u64; 7]>,
     repeats: u32,
     accepted: Option<(Time, Vector<World>)>,
 }
@@ -86,35 +85,26 @@ impl PoseGuard {
     ///
     /// # Errors
     /// Why not.
-    pub(crate) fn judge(
-        &mut self,
-        object: &Object<'_>,
-        at: Time,
-        limits: &PoseLimits,
-    ) -> Result<Pose, Refusal> {
-        self.count_repeats(object);
-        if !object.is_finite() {
+    pub(crate) fn judge(&mut self, shown: &Shown, at: Time, limits: &PoseLimits) -> Result<Pose, Refusal> {
+        self.count_repeats(shown);
+        if !shown.is_finite() {
             return Err(Refusal::NotFinite);
         }
+        let position_m = shown.position_m();
         // An exact zero in all three is never measured.
-        if object.translation_mm == [0.0; 3] {
+        if position_m == Vector::ZERO {
             return Err(Refusal::Zero);
         }
         if self.repeats > limits.identical_accepted {
             return Err(Refusal::Repeated(self.repeats));
         }
-        if object.rotation_rad.iter().any(|angle| angle.abs() > ANGLE_RAD_MAX) {
-            return Err(Refusal::Angles);
-        }
-        let [x, y, z] = object.translation_mm.map(|millimetres| millimetres * 1e-3);
-        let position_m = Vector::new(x, y, z);
+        let orientation = shown.orientation().ok_or(Refusal::Angles)?;
         if !limits.contain(position_m) {
             return Err(Refusal::OutsideHall);
         }
         if self.is_unit_slip(position_m, at) {
             return Err(Refusal::UnitSlip);
         }
-        let orientation = euler_to_rotation(object.rotation_rad).ok_or(Refusal::NotFinite)?;
         self.accepted = Some((at, position_m));
         Ok(Pose { position_m, orientation })
     }
@@ -125,9 +115,8 @@ impl PoseGuard {
         self.repeats
     }
 
-    fn count_repeats(&mut self, object: &Object<'_>) {
-        let ([x, y, z], [a, b, c]) = (object.translation_mm, object.rotation_rad);
-        let bits = [x, y, z, a, b, c].map(f64::to_bits);
+    fn count_repeats(&mut self, shown: &Shown) {
+        let bits = shown.bits();
         self.repeats = if self.newest_bits == Some(bits) { self.repeats.saturating_add(1) } else { 0 };
         self.newest_bits = Some(bits);
     }
@@ -156,8 +145,8 @@ mod tests {
         PoseLimits::new(&hall, 5.0, identical_accepted)
     }
 
-    fn object(translation_mm: [f64; 3], rotation_rad: [f64; 3]) -> Object<'static> {
-        Object { name: b"quad1", translation_mm, rotation_rad }
+    fn object(translation_mm: [f64; 3], rotation_rad: [f64; 3]) -> Shown {
+        Shown::Vicon { translation_mm, rotation_rad }
     }
 
     fn judge(

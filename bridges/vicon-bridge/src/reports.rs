@@ -19,12 +19,16 @@ pub struct Counters {
     pub foreign: u64,
     /// Datagrams that are not of the stream.
     pub undecodable: u64,
+    /// Datagrams that came before the server had said who it is.
+    pub too_early: u64,
     /// Datagrams of a frame already published or overtaken.
     pub late: u64,
     /// Objects that are no vehicle.
     pub unknown_objects: u64,
     /// Objects a frame had already reported.
     pub duplicate_objects: u64,
+    /// Objects the system itself says it did not see.
+    pub untracked: u64,
     /// Poses refused: not finite.
     pub not_finite: u64,
     /// Poses refused: at zero.

@@ -1,7 +1,7 @@
 //! The core, stepped directly.
 
 use super::*;
-use device::vicon::{encode, rotation_to_euler};
+use device::vicon::{Object, encode, rotation_to_euler};
 use quantity::{Body, Rotation, Vector, World};
 use service_core::Seed;
 use std::path::Path;
@@ -43,7 +43,7 @@ impl Bench {
     fn bytes(&mut self, at: Time, bytes: &[u8]) -> Vec<MocapFrame> {
         self.wait(at - Span::from_nanos(1));
         let bytes = bytes.try_into().expect("fits");
-        let datagram = DeviceBytes { port: Ports::VICON, at, bytes };
+        let datagram = DeviceBytes { port: Ports::MOTION_CAPTURE, at, bytes };
         self.bridge.step(at, Event::Input(Input::Received(datagram)), &mut self.out);
         self.frames()
     }
@@ -56,7 +56,11 @@ impl Bench {
     }
 
     fn frames(&mut self) -> Vec<MocapFrame> {
-        self.out.take_messages().map(|Output::Frame(frame)| frame).collect()
+        let frames = self.out.take_messages().map(|message| match message {
+            Output::Frame(frame) => frame,
+            Output::Ask(question) => panic!("Vicon takes no questions: {question:?}"),
+        });
+        frames.collect()
     }
 
     fn objects(&mut self, at: Time, frame: u32, objects: &[Object<'_>]) -> Vec<MocapFrame> {

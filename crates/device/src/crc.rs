@@ -1,4 +1,4 @@
-//! Checks: over our own frames CRC-11 for channels, CRC-16 for radio payloads, FNV-1a for parameter sets;
+//! Checks: over our own frames CRC-11 and CRC-10 for channels, CRC-16 for radio payloads, FNV-1a for parameter sets;
 //! over CRSF's frames its CRC-8.
 
 /// CRC-11/UMTS (polynomial 0x307, initial value 0) over 11-bit words, most significant bit first.
@@ -13,6 +13,17 @@ const fn crc11_bit(crc: u16, bit: u16) -> u16 {
     let feedback = ((crc >> 10) ^ bit) & 1;
     let shifted = (crc << 1) & 0x7FF;
     if feedback == 1 { shifted ^ 0x307 } else { shifted }
+}
+
+/// CRC-10/ATM (polynomial 0x233, initial value 0) over 10-bit words, most significant bit first.
+pub(crate) fn crc10(words: impl IntoIterator<Item = u16>) -> u16 {
+    words.into_iter().flat_map(|word| (0..10).rev().map(move |bit| (word >> bit) & 1)).fold(0, crc10_bit)
+}
+
+const fn crc10_bit(crc: u16, bit: u16) -> u16 {
+    let feedback = ((crc >> 9) ^ bit) & 1;
+    let shifted = (crc << 1) & 0x3FF;
+    if feedback == 1 { shifted ^ 0x233 } else { shifted }
 }
 
 /// CRC-8/DVB-S2 (polynomial 0xD5, initial value 0).
@@ -46,7 +57,8 @@ mod tests {
     fn check_values_are_those_of_the_catalogues() {
         let bits =
             b"123456789".iter().flat_map(|byte| (0..8).rev().map(move |bit| u16::from(byte >> bit) & 1));
-        assert_eq!(bits.fold(0, crc11_bit), 0x061);
+        assert_eq!(bits.clone().fold(0, crc11_bit), 0x061);
+        assert_eq!(bits.fold(0, crc10_bit), 0x199);
         assert_eq!(crc8(b"123456789"), 0xBC);
         assert_eq!(crc16(b"123456789"), 0x29B1);
         assert_eq!(fnv1a64(*b"foobar"), 0x8594_4171_F739_67E8);

@@ -77,6 +77,9 @@ pub(crate) struct OwnState {
     drift: Drift,
     /// For how long hints have come, since the beginning or the last maneuver.
     hinted_s: f64,
+    /// Whether a hint came since the maneuver before: the first is taken whole.
+    attitude_hinted: bool,
+    height_hinted: bool,
 }
 
 /// In what way the vehicle moves through a tick.
@@ -128,16 +131,28 @@ impl OwnState {
     /// A maneuver is over: whatever the sensors made of it, the next hints are taken whole.
     pub fn maneuver_ended(&mut self) {
         self.hinted_s = 0.0;
+        self.attitude_hinted = false;
+        self.height_hinted = false;
     }
 
     /// Takes the hints of an accepted frame.
     pub fn correct(&mut self, frame: &CommandFrame, rate_rad_s: Vector<Body>, settings: &AttitudeSettings) {
-        if !frame.hints_valid || rate_rad_s.norm() > settings.hint_rate_rad_s_max {
+        let hinted = frame.attitude_valid || frame.height_valid;
+        if !hinted || rate_rad_s.norm() > settings.hint_rate_rad_s_max {
             return;
         }
-        let first = self.hinted_s <= 0.0;
         self.hinted_s += HINT_INTERVAL_S;
-        self.correct_attitude(frame, rate_rad_s, first, settings);
+        if frame.attitude_valid {
+            let first = !core::mem::replace(&mut self.attitude_hinted, true);
+            self.correct_attitude(frame, rate_rad_s, first, settings);
+        }
+        if frame.height_valid {
+            let first = !core::mem::replace(&mut self.height_hinted, true);
+            self.correct_height(frame, first, settings);
+        }
+    }
+
+    fn correct_height(&mut self, frame: &CommandFrame, first: bool, settings: &AttitudeSettings) {
         let told = Vertical { height_m: frame.height_m, speed_m_s: frame.vertical_speed_m_s };
         match &mut self.vertical {
             Some(own) if own.is_near(told) && !first => {
@@ -264,7 +279,8 @@ mod tests {
 
     fn frame(roll_rad: f64, pitch_rad: f64, height_m: f64, vertical_speed_m_s: f64) -> CommandFrame {
         CommandFrame {
-            hints_valid: true,
+            attitude_valid: true,
+            height_valid: true,
             roll_rad,
             pitch_rad,
             height_m,
@@ -283,7 +299,8 @@ mod tests {
     fn nothing_is_known_until_hinted_at() {
         let mut own = OwnState::default();
         own.predict(Vector::new(1.0, 1.0, 1.0), Vector::ZERO, 1.0, Going::Alone, &SETTINGS);
-        let unhinted = CommandFrame { hints_valid: false, ..frame(0.1, 0.1, 1.0, 0.0) };
+        let unhinted =
+            CommandFrame { attitude_valid: false, height_valid: false, ..frame(0.1, 0.1, 1.0, 0.0) };
         own.correct(&unhinted, Vector::ZERO, &SETTINGS);
         assert!(!own.attitude_known() && own.vertical().is_none() && own.tilt_rad().is_none());
         assert_eq!(own.levelling_rate_rad_s(&SETTINGS, 0.0), Vector::ZERO);

@@ -135,7 +135,7 @@ impl Supervisor {
                         (true, false) => 1,
                         (false, _) => 0,
                     };
-                    if frame.hints_valid && frame.height_m > settings.disarm_height_m_max {
+                    if frame.height_valid && frame.height_m > settings.disarm_height_m_max {
                         descent.deadline = land_deadline(now, own, settings);
                     }
                 }
@@ -355,8 +355,9 @@ mod tests {
 
     fn known(height_m: f64, vertical_speed_m_s: f64) -> OwnState {
         let mut own = OwnState::default();
-        let hints_valid = true;
-        let frame = CommandFrame { hints_valid, height_m, vertical_speed_m_s, ..CommandFrame::default() };
+        let (attitude_valid, height_valid) = (true, true);
+        let hints = CommandFrame { attitude_valid, height_valid, ..CommandFrame::default() };
+        let frame = CommandFrame { height_m, vertical_speed_m_s, ..hints };
         for _ in 0..20 {
             own.correct(&frame, Vector::ZERO, &SETTINGS.attitude);
         }

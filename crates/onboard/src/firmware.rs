@@ -1,7 +1,7 @@
 //! The firmware put together: one tick, three ways in, one way out.
 
 use device::sbus;
-use device::vehicle_link::{CommandFrame, FlightMode, Reason, Status, StatusFlags, Uplink};
+use device::vehicle_link::{FlightMode, Reason, Status, StatusFlags, Uplink};
 use maneuver::Setpoint;
 use quantity::{Body, GRAVITY_M_S2, Span, Time, Vector};
 
@@ -185,7 +185,10 @@ impl Firmware {
     /// Whether the ground still tells the vehicle of itself.
     fn hinted(&self, now: Time) -> bool {
         self.supervisor.command_fresh(now, &self.settings.failsafe)
-            && self.supervisor.command().is_some_and(|received| received.frame.hints_valid)
+            && self
+                .supervisor
+                .command()
+                .is_some_and(|received| received.frame.attitude_valid || received.frame.height_valid)
     }
 
     /// Nothing flies without gyros: a maneuver ends soon, and if they do not come back the motors stop.
@@ -358,7 +361,8 @@ impl Firmware {
     /// The sixteen channels of a command frame. What is damaged, repeated or not for this vehicle changes
     /// nothing but the [counters](Self::counters).
     pub fn receive_channels(&mut self, now: Time, channels: &[u16; 16]) {
-        let Ok((vehicle, frame)) = CommandFrame::decode(channels) else {
+        let map = self.settings.channel_map;
+        let Ok((vehicle, frame)) = map.decode(channels, self.settings.vehicle) else {
             self.counters.commands_damaged += 1;
             return;
         };

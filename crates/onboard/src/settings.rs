@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use device::vehicle_link::ChannelMap;
 use maneuver::Integral;
 use quantity::{GRAVITY_M_S2, Span};
 
@@ -200,6 +201,8 @@ pub struct DriftSettings {
 pub struct FirmwareSettings {
     /// The vehicle's address on both links.
     pub vehicle: u8,
+    /// How command frames lie on the channels.
+    pub channel_map: ChannelMap,
     /// Body and propulsion.
     pub airframe: Airframe,
     /// The rate loops.
@@ -262,6 +265,7 @@ impl FirmwareSettings {
     pub const fn table_i(vehicle: u8) -> Self {
         Self {
             vehicle,
+            channel_map: ChannelMap::Full,
             airframe: Airframe {
                 mass_kg: 0.468,
                 arm_m: 0.17,

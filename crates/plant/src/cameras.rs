@@ -1,10 +1,12 @@
-//! The motion-capture system: 200 exposures a second, noise, latency, and the vendor's datagrams.
+//! The motion-capture system: 200 exposures a second, noise, latency, and the vendor's datagrams, Vicon's here
+//! and OptiTrack's in [`natnet_server`](crate::natnet_server).
 
 use device::vicon::{self, NAME_BYTES, Object};
 use quantity::{Body, Rotation, Span, Time, Vector};
-use settings::{CameraSettings, FleetVehicle};
+use settings::{CameraSettings, FleetVehicle, MotionCapture, MotionCaptureProtocol};
 
 use crate::faults::{Fault, Occlusion, Schedule};
+use crate::natnet_server::Server;
 use crate::output::{Device, Outputs};
 use crate::random::{Purpose, Stream};
 use crate::rigid_body::Motion;
@@ -14,8 +16,8 @@ pub const OBJECTS_PER_DATAGRAM: usize = 13;
 
 const DATAGRAM_BYTES: usize = 1024;
 
-/// Position and rotation as the vendor writes them.
-type Shown = ([f64; 3], [f64; 3]);
+/// Position and rotation as Vicon writes them: millimetres, angles.
+pub(crate) type Shown = ([f64; 3], [f64; 3]);
 
 /// One vehicle as the cameras see it.
 #[derive(Clone, Debug)]
@@ -33,6 +35,8 @@ pub struct Cameras {
     /// Rate, latency and jitter are the system's: those of the first vehicle's settings.
     settings: CameraSettings,
     subjects: Vec<Subject>,
+    /// Of a system that is OptiTrack's.
+    server: Option<Server>,
     stream: Stream,
     first_at: Time,
     exposures: u64,
@@ -45,7 +49,7 @@ pub struct Cameras {
 impl Cameras {
     /// Cameras that first expose within one period after `start`; their frame counter has run for a while.
     #[must_use]
-    pub fn new(fleet: &[FleetVehicle], seed: u64, start: Time) -> Option<Self> {
+    pub fn new(fleet: &[FleetVehicle], system: &MotionCapture, seed: u64, start: Time) -> Option<Self> {
         let settings = fleet.first()?.vehicle.plant.camera.clone();
         let mut stream = Stream::new(seed, Purpose::Cameras, 0);
         let subject = |member: &FleetVehicle| {
@@ -60,8 +64,14 @@ impl Cameras {
         };
         let first_at = start + Span::from_secs_f64(stream.uniform() / settings.rate_hz);
         let frame_number = stream.below(1_000_000);
+        let subjects: Vec<Subject> = fleet.iter().map(subject).collect();
+        let names = || subjects.iter().map(|subject| subject.name.clone()).collect();
         Some(Self {
-            subjects: fleet.iter().map(subject).collect(),
+            server: match system.protocol {
+                MotionCaptureProtocol::Vicon => None,
+                MotionCaptureProtocol::Natnet => Some(Server::new(&system.natnet, names(), &mut stream)),
+            },
+            subjects,
             settings,
             stream,
             first_at,
@@ -77,6 +87,13 @@ impl Cameras {
     #[must_use]
     pub fn next_at(&self) -> Time {
         self.first_at + Span::from_secs_f64(self.exposures as f64 / self.settings.rate_hz)
+    }
+
+    /// A datagram for the system.
+    pub(crate) fn receive(&mut self, now: Time, bytes: &[u8], outputs: &mut Outputs) {
+        if let Some(server) = &mut self.server {
+            server.receive(now, bytes, outputs);
+        }
     }
 
     /// Takes the exposure that is due; `motion` gives each vehicle's true motion at that instant, by fleet
@@ -119,7 +136,14 @@ impl Cameras {
                 due = due.max(self.last_due);
                 self.last_due = due;
             }
-            self.send(due + late, at, &visible, faults, outputs);
+            match self.server.take() {
+                None => self.send(due + late, at, &visible, faults, outputs),
+                Some(mut server) => {
+                    let shown = self.bodies(at, &visible, faults);
+                    server.stream(self.told_number, at, due + late, shown, outputs);
+                    self.server = Some(server);
+                }
+            }
         }
         self.visible = visible;
     }
@@ -146,12 +170,25 @@ impl Cameras {
             }
             // Names are cut to their field and the buffer holds a full datagram, so this cannot fail.
             if let Ok(length) = vicon::encode(self.told_number, &objects[..chunk.len()], &mut bytes) {
-                outputs.push(Device::Vicon, due, &bytes[..length]);
+                outputs.push(Device::MotionCapture, due, &bytes[..length]);
             }
             if rest.is_empty() {
                 return;
             }
         }
+    }
+
+    /// Every subject as OptiTrack shows it, and whether it was seen: what was not is shown where it was last.
+    fn bodies<'a>(
+        &'a self,
+        at: Time,
+        visible: &'a [(usize, Shown)],
+        faults: &'a Schedule,
+    ) -> impl Iterator<Item = (Shown, bool)> + 'a {
+        self.subjects.iter().map(move |subject| {
+            let seen = visible.iter().find(|(index, _)| self.name_of(*index, at, faults) == subject.name);
+            seen.map_or((subject.last, false), |(_, shown)| (*shown, true))
+        })
     }
 
     /// The name a subject is shown under.
@@ -255,7 +292,8 @@ mod tests {
             for member in &mut members {
                 member.vehicle.plant.camera.dropout_ratio = 0.0;
             }
-            let cameras = Cameras::new(&members, 4, Time::ZERO).unwrap();
+            let cameras =
+                Cameras::new(&members, &fleet().network.devices.motion_capture, 4, Time::ZERO).unwrap();
             Self { cameras, outputs: Outputs::new(), faults: Schedule::default() }
         }
 

@@ -1,10 +1,16 @@
-//! The command link of one vehicle: an encoder fed with SBUS bytes, 25 bytes through the air, a receiver.
+//! The command link of one vehicle: an encoder fed with SBUS or CRSF bytes, sixteen channels through the air, a
+//! receiver.
+//!
+//! A CRSF module answers: every tenth frame of channels with how its link fares. One whose air carries ten bits
+//! leaves of the channels what ExpressLRS does (see [`device::vehicle_link::ChannelMap::Compact`]).
 
+use device::crsf;
 use device::sbus::{FRAME_BYTES, Frame, FrameFinder};
 use quantity::{Span, Time};
-use settings::LinkSettings;
+use settings::{ChannelBits, CommandProtocol, LinkSettings};
 
 use crate::faults::{Fault, Schedule};
+use crate::output::{Device, Outputs};
 use crate::queue::DelayQueue;
 use crate::random::{Purpose, Stream};
 
@@ -13,6 +19,14 @@ const LINE_SILENCE: Span = Span::from_millis(5);
 
 /// Frames under way at most; a faster sender's are lost.
 const UNDER_WAY_MAX: usize = 64;
+
+/// Frames of channels to one of link statistics.
+const STATISTICS_EVERY: u64 = 10;
+/// Frames over which a module reckons the quality of its link.
+const QUALITY_FRAMES: u32 = 100;
+/// What ExpressLRS makes of a channel of two states, and where they part.
+const TWO_STATES: [u16; 2] = [172, 1811];
+const MIDDLE: u16 = 992;
 
 /// What has become of a link's frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,7 +46,10 @@ pub struct LinkCounts {
 pub struct CommandLink {
     vehicle: u8,
     settings: LinkSettings,
-    finder: FrameFinder,
+    encoder: Encoder,
+    channel_bits: ChannelBits,
+    /// One bit for each of the last frames, set where it was lost.
+    lost: u128,
     fed_at: Time,
     stream: Stream,
     air: DelayQueue<[u8; FRAME_BYTES]>,
@@ -40,14 +57,51 @@ pub struct CommandLink {
     counts: LinkCounts,
 }
 
+/// What finds frames of channels on the encoder's line.
+#[derive(Clone, Debug)]
+enum Encoder {
+    Sbus(FrameFinder),
+    Crsf(crsf::Decoder),
+}
+
+impl Encoder {
+    /// The line was silent: what has not come will not.
+    fn gap(&mut self) {
+        match self {
+            Self::Sbus(finder) => finder.gap(),
+            // A frame may end just before the silence, behind a false start.
+            Self::Crsf(decoder) => decoder.gap(|_| {}),
+        }
+    }
+
+    /// The channels of each frame that these bytes complete.
+    fn feed(&mut self, bytes: &[u8]) -> Vec<Frame> {
+        let mut found = Vec::new();
+        match self {
+            Self::Sbus(finder) => found.extend(bytes.iter().filter_map(|byte| finder.push(*byte))),
+            Self::Crsf(decoder) => decoder.receive(bytes, |frame| {
+                if let crsf::Frame::Channels(channels) = frame {
+                    found.push(Frame::new(channels));
+                }
+            }),
+        }
+        found
+    }
+}
+
 impl CommandLink {
     /// The link of a vehicle.
     #[must_use]
-    pub fn new(vehicle: u8, settings: &LinkSettings, seed: u64) -> Self {
+    pub fn new(vehicle: u8, encoder: &settings::CommandLink, settings: &LinkSettings, seed: u64) -> Self {
         Self {
             vehicle,
             settings: settings.clone(),
-            finder: FrameFinder::new(),
+            encoder: match encoder.protocol {
+                CommandProtocol::Sbus => Encoder::Sbus(FrameFinder::new()),
+                CommandProtocol::Crsf => Encoder::Crsf(crsf::Decoder::new()),
+            },
+            channel_bits: encoder.channel_bits,
+            lost: 0,
             fed_at: Time::ZERO,
             stream: Stream::new(seed, Purpose::CommandLink, vehicle),
             air: DelayQueue::new(),
@@ -63,15 +117,40 @@ impl CommandLink {
     }
 
     /// Bytes for the encoder, any number; each frame they complete goes on the air.
-    pub fn feed(&mut self, now: Time, bytes: &[u8], faults: &Schedule) {
+    pub(crate) fn feed(&mut self, now: Time, bytes: &[u8], faults: &Schedule, outputs: &mut Outputs) {
         if now - self.fed_at > LINE_SILENCE {
-            self.finder.gap();
+            self.encoder.gap();
         }
         self.fed_at = now;
-        for byte in bytes {
-            if let Some(frame) = self.finder.push(*byte) {
-                self.transmit(now, frame.encode(), faults);
+        for mut frame in self.encoder.feed(bytes) {
+            if self.channel_bits == ChannelBits::Ten {
+                frame.channels = over_the_air(&frame.channels);
             }
+            self.transmit(now, frame.encode(), faults);
+            self.report(now, outputs);
+        }
+    }
+
+    /// What a CRSF module says of its link now and then.
+    fn report(&self, now: Time, outputs: &mut Outputs) {
+        if matches!(self.encoder, Encoder::Sbus(_)) || !self.counts.sent.is_multiple_of(STATISTICS_EVERY) {
+            return;
+        }
+        let heard = QUALITY_FRAMES - (self.lost & ((1 << QUALITY_FRAMES) - 1)).count_ones();
+        let statistics = crsf::LinkStatistics {
+            uplink_rssi_1: 40,
+            uplink_rssi_2: 43,
+            uplink_quality_percent: heard as u8,
+            uplink_snr_db: 11,
+            downlink_rssi: 45,
+            downlink_quality_percent: 100,
+            downlink_snr_db: 10,
+            ..crsf::LinkStatistics::default()
+        };
+        let mut bytes = [0; crsf::FRAME_BYTES_MAX];
+        if let Ok(length) = crsf::Frame::LinkStatistics(statistics).encode(crsf::ADDRESS_HANDSET, &mut bytes)
+        {
+            outputs.push(Device::CommandLink(self.vehicle), now, &bytes[..length]);
         }
     }
 
@@ -97,7 +176,9 @@ impl CommandLink {
         if corrupted {
             flip_bits(&mut self.stream, &mut bytes);
         }
-        if lost || self.air.len() >= UNDER_WAY_MAX {
+        let lost = lost || self.air.len() >= UNDER_WAY_MAX;
+        self.lost = self.lost << 1 | u128::from(lost);
+        if lost {
             self.counts.lost += 1;
             return;
         }
@@ -122,6 +203,15 @@ impl CommandLink {
     }
 }
 
+/// What ExpressLRS leaves of channels in its mode "8ch": ten bits of eight, one of a ninth.
+fn over_the_air(sent: &[u16; 16]) -> [u16; 16] {
+    core::array::from_fn(|channel| match channel {
+        4 => TWO_STATES[usize::from(sent[4] > MIDDLE)],
+        0..=8 => sent[channel] & !1,
+        _ => 0,
+    })
+}
+
 /// Flips one to eight bits anywhere.
 pub(crate) fn flip_bits(stream: &mut Stream, bytes: &mut [u8]) {
     let bits = bytes.len() as u32 * 8;
@@ -141,7 +231,16 @@ mod tests {
     fn link(change: impl FnOnce(&mut LinkSettings)) -> CommandLink {
         let mut settings = member().vehicle.plant.command_link;
         change(&mut settings);
-        CommandLink::new(1, &settings, 11)
+        link_of(CommandProtocol::Sbus, ChannelBits::Eleven, &settings)
+    }
+
+    fn link_of(protocol: CommandProtocol, channel_bits: ChannelBits, settings: &LinkSettings) -> CommandLink {
+        let shipped = crate::testing::fleet().network.devices.command_link;
+        CommandLink::new(1, &settings::CommandLink { protocol, channel_bits, ..shipped }, settings, 11)
+    }
+
+    fn feed(link: &mut CommandLink, now: Time, bytes: &[u8], faults: &Schedule) {
+        link.feed(now, bytes, faults, &mut Outputs::new());
     }
 
     fn frame(n: u16) -> Frame {
@@ -161,7 +260,7 @@ mod tests {
         });
         let mut received = Vec::new();
         for n in 0..500 {
-            link.feed(slot(n), &frame(n as u16).encode(), &Schedule::default());
+            feed(&mut link, slot(n), &frame(n as u16).encode(), &Schedule::default());
             while let Some((at, arrived)) = link.arrived(slot(n)) {
                 received.push((at, arrived.unwrap()));
             }
@@ -186,7 +285,7 @@ mod tests {
         let n = 20_000;
         let mut wrong = 0;
         for k in 0..n {
-            link.feed(slot(k), &frame(k as u16).encode(), &Schedule::default());
+            feed(&mut link, slot(k), &frame(k as u16).encode(), &Schedule::default());
             while let Some((_, arrived)) = link.arrived(Time::FAR_FUTURE) {
                 wrong += u64::from(arrived != Some(frame(k as u16)));
             }
@@ -207,7 +306,7 @@ mod tests {
         faults.add(Fault::CommandLoss { vehicle: 1, loss_ratio: 1.0 }, slot(10), slot(20));
         faults.add(Fault::CommandLoss { vehicle: 2, loss_ratio: 1.0 }, slot(0), slot(30));
         for k in 0..30 {
-            link.feed(slot(k), &frame(1).encode(), &faults);
+            feed(&mut link, slot(k), &frame(1).encode(), &faults);
         }
         assert_eq!(link.counts().lost, 10);
     }
@@ -219,10 +318,52 @@ mod tests {
             settings.corruption_ratio = 0.0;
         });
         let bytes = frame(7).encode();
-        link.feed(slot(0), &bytes[..13], &Schedule::default());
-        link.feed(slot(1), &bytes[..9], &Schedule::default());
-        link.feed(slot(1) + Span::from_millis(1), &bytes[9..], &Schedule::default());
+        feed(&mut link, slot(0), &bytes[..13], &Schedule::default());
+        feed(&mut link, slot(1), &bytes[..9], &Schedule::default());
+        feed(&mut link, slot(1) + Span::from_millis(1), &bytes[9..], &Schedule::default());
         assert_eq!(link.arrived(Time::FAR_FUTURE).unwrap().1, Some(frame(7)));
         assert_eq!(link.arrived(Time::FAR_FUTURE), None);
+    }
+
+    #[test]
+    fn a_crsf_module_carries_the_same_channels_and_says_how_its_link_fares() {
+        let mut settings = member().vehicle.plant.command_link;
+        (settings.loss_ratio, settings.corruption_ratio) = (0.0, 0.0);
+        let mut link = link_of(CommandProtocol::Crsf, ChannelBits::Eleven, &settings);
+        let (mut outputs, mut faults) = (Outputs::new(), Schedule::default());
+        faults.add(Fault::CommandLoss { vehicle: 1, loss_ratio: 1.0 }, slot(0), slot(50));
+        for n in 0..100 {
+            let mut bytes = [0; crsf::FRAME_BYTES_MAX];
+            let channels = crsf::Frame::Channels(frame(n as u16).channels);
+            let length = channels.encode(crsf::ADDRESS_MODULE, &mut bytes).unwrap();
+            link.feed(slot(n), &bytes[..length], &faults, &mut outputs);
+        }
+        for n in 50..100 {
+            assert_eq!(link.arrived(Time::FAR_FUTURE).unwrap().1, Some(frame(n)));
+        }
+        let mut qualities = Vec::new();
+        outputs.send(Time::FAR_FUTURE, &mut |output| {
+            assert_eq!(output.device, Device::CommandLink(1));
+            let crsf::Frame::LinkStatistics(statistics) = crsf::Frame::decode(output.bytes).unwrap() else {
+                panic!("{:?}", output.bytes);
+            };
+            qualities.push(statistics.uplink_quality_percent);
+        });
+        assert_eq!(qualities, [90, 80, 70, 60, 50, 50, 50, 50, 50, 50]);
+    }
+
+    #[test]
+    fn ten_bits_in_the_air_bring_a_compact_frame_whole_and_no_full_one() {
+        use device::vehicle_link::{ChannelMap, CommandFrame};
+        let mut settings = member().vehicle.plant.command_link;
+        (settings.loss_ratio, settings.corruption_ratio) = (0.0, 0.0);
+        let mut link = link_of(CommandProtocol::Sbus, ChannelBits::Ten, &settings);
+        let sent = CommandFrame { collective_m_s2: 9.0, counter: 6, ..CommandFrame::default() };
+        for (map, arrives) in [(ChannelMap::Compact, true), (ChannelMap::Full, false)] {
+            let channels = map.encode(&sent, 1).unwrap();
+            feed(&mut link, slot(1), &Frame::new(channels).encode(), &Schedule::default());
+            let arrived = link.arrived(Time::FAR_FUTURE).unwrap().1.unwrap();
+            assert_eq!(map.decode(&arrived.channels, 1).is_ok(), arrives, "{map:?}");
+        }
     }
 }

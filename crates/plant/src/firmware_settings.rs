@@ -1,18 +1,23 @@
 //! What a vehicle's builder burns into its firmware: the believed numbers, not the true ones.
 
+use device::vehicle_link::ChannelMap;
 use maneuver::Integral;
 use onboard::{FirmwareSettings, RateGains};
-use settings::Vehicle;
+use settings::{ChannelBits, Vehicle};
 
 /// The firmware's settings of a vehicle; what the arena's settings do not say is the firmware's default.
 #[must_use]
-pub fn firmware_settings(vehicle: &Vehicle) -> FirmwareSettings {
+pub fn firmware_settings(vehicle: &Vehicle, channel_bits: ChannelBits) -> FirmwareSettings {
     let (airframe, rotor, rates) = (&vehicle.airframe, &vehicle.rotor, &vehicle.rate_loop);
     let integral = match rates.integral {
         settings::Integral::Literal => Integral::Literal,
         settings::Integral::Conditional => Integral::Conditional,
     };
     let mut firmware = FirmwareSettings::table_i(vehicle.id);
+    firmware.channel_map = match channel_bits {
+        ChannelBits::Ten => ChannelMap::Compact,
+        ChannelBits::Eleven => ChannelMap::Full,
+    };
     firmware.airframe.mass_kg = airframe.mass_kg;
     firmware.airframe.arm_m = airframe.arm_m;
     firmware.airframe.inertia_kg_m2 = airframe.inertia_kg_m2;

@@ -1,7 +1,7 @@
 //! The simulated arena: vehicles, rotors, battery, air, cameras and radio links. It speaks device bytes.
 //!
 //! To the bridges [`Plant`] is the hardware: out come the motion-capture system's datagrams and the data-link
-//! radio's serial bytes, in go SBUS bytes for each vehicle's command link and the radio's API frames. On each
+//! radio's serial bytes, in go SBUS or CRSF bytes for each vehicle's command link and the radio's API frames. On each
 //! simulated vehicle runs the very firmware of the crate `onboard`, on a clock of its own.
 //!
 //! * [`rigid_body`], [`rotor`], [`air`], [`battery`], [`floor`] are the physics, put together in
@@ -23,6 +23,7 @@ pub mod faults;
 mod firmware_settings;
 pub mod floor;
 pub mod imu;
+mod natnet_server;
 mod output;
 mod plant;
 mod queue;

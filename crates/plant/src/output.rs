@@ -1,16 +1,34 @@
 //! What the simulated devices send, on its way to the bridges.
 
 use quantity::Time;
+use settings::Ports;
 
 use crate::queue::DelayQueue;
 
 /// A device that sends to a bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Device {
-    /// The motion-capture system's object stream; each output is one datagram.
-    Vicon,
+    /// The motion-capture system; each output is one datagram, to the vicon bridge.
+    MotionCapture,
+    /// The same, to the group it streams to.
+    MotionCaptureGroup,
     /// The coordinator of the data link; outputs are pieces of its serial stream.
     DataLink,
+    /// The command-link encoder of that vehicle; outputs are pieces of its serial stream.
+    CommandLink(u8),
+}
+
+impl Device {
+    /// Its number among the endpoints of its bridge.
+    #[must_use]
+    pub const fn port(self) -> u16 {
+        match self {
+            Self::MotionCapture => Ports::MOTION_CAPTURE,
+            Self::MotionCaptureGroup => Ports::MOTION_CAPTURE_GROUP,
+            Self::DataLink => Ports::DATA_LINK,
+            Self::CommandLink(vehicle) => Ports::command_link(vehicle),
+        }
+    }
 }
 
 /// Bytes from a device.

@@ -64,15 +64,17 @@ impl Plant {
     /// # Errors
     /// [`PlantError`].
     pub fn new(arena: &Arena, seed: u64, start: Time) -> Result<Self, PlantError> {
+        let devices = &arena.network.devices;
         let vehicles = arena.fleet.iter().enumerate().map(|(index, member)| {
             let refused = |error| PlantError::Firmware { vehicle: member.vehicle.id, error };
-            SimulatedVehicle::new(member, index, seed, start).map_err(refused)
+            SimulatedVehicle::new(member, &devices.command_link, index, seed, start).map_err(refused)
         });
         Ok(Self {
             now: start,
             hall: arena.hall.clone(),
             vehicles: vehicles.collect::<Result<_, _>>()?,
-            cameras: Cameras::new(&arena.fleet, seed, start).ok_or(PlantError::NoVehicles)?,
+            cameras: Cameras::new(&arena.fleet, &devices.motion_capture, seed, start)
+                .ok_or(PlantError::NoVehicles)?,
             data_link: DataLink::new(&arena.fleet, seed),
             outputs: Outputs::new(),
             faults: Schedule::default(),
@@ -115,15 +117,17 @@ impl Plant {
     }
 
     /// Bytes that a bridge hands to a device at `now`: to a vehicle's command-link encoder
-    /// ([`Ports::command_link`]) or to the data link's coordinator ([`Ports::DATA_LINK`]). Other ports lead
-    /// nowhere.
+    /// ([`Ports::command_link`]), to the data link's coordinator ([`Ports::DATA_LINK`]) or to the motion-capture
+    /// system ([`Ports::MOTION_CAPTURE`]). Other ports lead nowhere.
     pub fn receive(&mut self, now: Time, port: u16, bytes: &[u8]) {
-        if port == Ports::DATA_LINK {
+        if port == Ports::MOTION_CAPTURE {
+            self.cameras.receive(now, bytes, &mut self.outputs);
+        } else if port == Ports::DATA_LINK {
             self.data_link.feed(now, bytes, &self.faults, &mut self.outputs);
         } else if let Some(id) = Ports::vehicle_of_command_link(port) {
             let vehicle = self.vehicles.iter_mut().find(|vehicle| vehicle.id() == id);
             if let Some(vehicle) = vehicle {
-                vehicle.command_link.feed(now, bytes, &self.faults);
+                vehicle.command_link.feed(now, bytes, &self.faults, &mut self.outputs);
             }
         }
     }

@@ -59,6 +59,7 @@ impl SimulatedVehicle {
     /// What the firmware refuses to fly with.
     pub(crate) fn new(
         member: &FleetVehicle,
+        encoder: &settings::CommandLink,
         index: usize,
         seed: u64,
         start: Time,
@@ -73,8 +74,8 @@ impl SimulatedVehicle {
             airframe: Airframe::new(member, seed, clock.tick_s(), &mut build),
             gyro: Gyro::new(&truth.gyro, seed, vehicle.id, &mut build),
             accelerometer: Accelerometer::new(&truth.accelerometer, seed, vehicle.id, &mut build),
-            firmware: Firmware::new(firmware_settings(vehicle))?,
-            command_link: CommandLink::new(vehicle.id, &truth.command_link, seed),
+            firmware: Firmware::new(firmware_settings(vehicle, encoder.channel_bits))?,
+            command_link: CommandLink::new(vehicle.id, encoder, &truth.command_link, seed),
             motor_commands: [0; ROTORS],
             hover_thrust_n: true_weight_n / ROTORS as f64,
             touchdown: None,

@@ -175,6 +175,20 @@ pub(crate) fn bind_udp(local: SocketAddrV4) -> Result<UdpSocket, ShellError> {
     bind().during(|| format!("listening on udp {local}"))
 }
 
+/// Listens to a multicast group by way of the interface with that address; other programs of this host may too.
+pub(crate) fn join_udp(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket, ShellError> {
+    let join = || {
+        let socket = Socket::new(socket2::Domain::IPV4, socket2::Type::DGRAM, Some(socket2::Protocol::UDP))?;
+        socket.set_reuse_address(true)?;
+        socket.set_multicast_all_v4(false)?;
+        socket.bind(&group.into())?;
+        socket.join_multicast_v4(group.ip(), &interface)?;
+        socket.set_nonblocking(true)?;
+        Ok::<_, io::Error>(UdpSocket::from(socket))
+    };
+    join().during(|| format!("joining {group} by way of {interface}"))
+}
+
 /// Opens a UDP socket that sends to one address; it never waits.
 ///
 /// # Errors
@@ -187,6 +201,25 @@ pub fn connect_udp(peer: SocketAddrV4) -> Result<UdpSocket, ShellError> {
         Ok::<_, io::Error>(socket)
     };
     connect().during(|| format!("opening a socket to udp {peer}"))
+}
+
+/// Opens a UDP socket that sends to a multicast group by way of the interface with that address, at most `ttl`
+/// networks far; it never waits.
+///
+/// # Errors
+/// What the system says, with group and interface.
+pub fn stream_udp(group: SocketAddrV4, interface: Ipv4Addr, ttl: u32) -> Result<UdpSocket, ShellError> {
+    let open = || {
+        let socket = UdpSocket::bind(SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, 0))?;
+        // Before connecting: there may be no other way to the group.
+        let options = socket2::SockRef::from(&socket);
+        options.set_multicast_if_v4(&interface)?;
+        options.set_multicast_ttl_v4(ttl)?;
+        socket.connect(group)?;
+        socket.set_nonblocking(true)?;
+        Ok::<_, io::Error>(socket)
+    };
+    open().during(|| format!("sending to {group} by way of {interface}"))
 }
 
 /// Sends a datagram to a connected peer; one that is not listening or reachable is no error, as with any

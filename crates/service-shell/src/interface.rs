@@ -18,7 +18,7 @@ const DISCARD_PORT: u16 = 9;
 ///
 /// # Errors
 /// No interface of this host is in the network.
-pub(crate) fn interface_address(interface: Interface) -> Result<Ipv4Addr, ShellError> {
+pub fn interface_address(interface: Interface) -> Result<Ipv4Addr, ShellError> {
     if !interface.is_network() {
         return Ok(interface.address());
     }

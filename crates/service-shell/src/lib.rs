@@ -37,11 +37,12 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 use service_core::Core;
 
 pub use bus::{BusReceiver, BusSender, endpoint};
-pub use datagrams::{Datagram, DatagramSocket, connect_udp, listen_udp, send_udp};
-pub use devices::{Address, Endpoint, command_link, endpoints};
+pub use datagrams::{Datagram, DatagramSocket, connect_udp, listen_udp, send_udp, stream_udp};
+pub use devices::{Address, Endpoint, LineAddress, PseudoTerminal, endpoints};
 pub use error::{During, ShellError};
 pub use filter::Listen;
 pub use identity::{identity, incarnation_at, incarnation_now};
+pub use interface::interface_address;
 pub use logging::{echo_event, init_logging};
 pub use options::{DomainOption, Options};
 pub use program::program_digest;

@@ -23,7 +23,6 @@ use tracing::{Instrument, info, info_span, warn};
 use wire::Domain;
 
 use crate::bus::{BusReceiver, BusSender};
-use crate::datagrams::Datagram;
 use crate::devices::{self, Endpoint, Receiver, Transmitters};
 use crate::error::During;
 use crate::filter::Listen;
@@ -76,7 +75,7 @@ pub fn drive(setup: &Setup, node: &mut dyn AnyNode) -> Result<(), ShellError> {
         async {
             let mut stop = Stop::new(setup.supervised)?;
             node.identify_program(program_digest());
-            let mut shell = Shell::open(setup, node, devices::endpoints(node.name(), &setup.arena))?;
+            let mut shell = Shell::open(setup, node, devices::endpoints(node.name(), &setup.arena)?)?;
             let (domain, run) = (setup.identity.domain.name(), setup.identity.run);
             info!(domain, run = format!("{run:016x}"), incarnation = setup.identity.incarnation, "started");
             let reason = shell.serve(node, &mut stop).await?;
@@ -213,17 +212,17 @@ impl Shell {
             for index in 0..count {
                 let now = self.wake_if_due(node);
                 let receiver = &self.devices[device];
-                let datagram = receiver.datagram(index);
-                if is_old(now, datagram) {
+                let piece = receiver.piece(index);
+                if is_old(now, piece.at) {
                     self.note_overflow(node, 1);
                     continue;
                 }
-                let Ok(bytes) = Seq::try_from(datagram.bytes.to_vec()) else {
-                    warn!(bytes = datagram.bytes.len(), "a device's datagram is too long, and dropped");
+                let Ok(bytes) = Seq::try_from(piece.bytes.to_vec()) else {
+                    warn!(bytes = piece.bytes.len(), "a device's datagram is too long, and dropped");
                     continue;
                 };
-                let message = DeviceBytes { port: receiver.port, at: datagram.at, bytes };
-                let (topic, arrived_at) = (receiver.topic, datagram.at);
+                let message = DeviceBytes { port: receiver.port, at: piece.at, bytes };
+                let (topic, arrived_at) = (receiver.topic, piece.at);
                 node.inject(now, topic, message, &mut |published| self.outlet.put(&published));
                 let done_at = clock::now();
                 let passage = Passage { published_at: arrived_at, arrived_at, begun_at: now, done_at };
@@ -240,7 +239,7 @@ impl Shell {
         for index in 0..count {
             let now = self.wake_if_due(node);
             let datagram = self.bus.datagram(index);
-            if is_old(now, datagram) {
+            if is_old(now, datagram.at) {
                 self.note_overflow(node, 1);
                 continue;
             }
@@ -277,8 +276,8 @@ impl Shell {
     }
 }
 
-fn is_old(now: Time, datagram: Datagram<'_>) -> bool {
-    now - datagram.at > QUEUE_AGE_MAX
+fn is_old(now: Time, arrived_at: Time) -> bool {
+    now - arrived_at > QUEUE_AGE_MAX
 }
 
 #[cfg(test)]

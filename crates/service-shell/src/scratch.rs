@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU16, Ordering};
 
-use settings::{Devices, Endpoint, Interface, Network};
+use settings::{DeviceUrl, Endpoint, Interface, Network};
 
 pub(crate) struct Scratch(PathBuf);
 
@@ -44,6 +44,24 @@ pub(crate) fn network() -> Network {
         live: endpoint(0),
         sim: endpoint(1),
         replay: endpoint(2),
-        devices: Devices { vicon: device(3), data_link: device(4), command_link: device(5) },
+        devices: toml::from_str(&format!(
+            "[motion_capture]\nprotocol = \"vicon\"\nurl = \"udp://{}\"\n\
+             [data_link]\nurl = \"udp://{}\"\n\
+             [command_link]\nprotocol = \"sbus\"\nurl = \"udp://{}\"\n\
+             [crazyflie]\nurl = \"udp://{}\"\n",
+            device(3),
+            device(4),
+            device(5),
+            device(10)
+        ))
+        .unwrap(),
+    }
+}
+
+/// The address of a device that speaks datagrams.
+pub(crate) fn udp(url: &DeviceUrl) -> SocketAddrV4 {
+    match url {
+        DeviceUrl::Udp(address) => *address,
+        other => panic!("{other} is no datagram's"),
     }
 }

@@ -59,9 +59,7 @@ impl Arena {
         let arena = Self { name: scenario_name.to_owned(), hall, network, scenario, fleet, services };
         arena.check_distinct(&source.name())?;
         places::check(&arena, &source.name())?;
-        for member in &arena.fleet {
-            network_source.checked(|file| arena.network.check_command_link(file, member.vehicle.id))?;
-        }
+        network_source.checked(|file| arena.network.devices.check_fleet(file, &arena.fleet))?;
         Ok(arena)
     }
 

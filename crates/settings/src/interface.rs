@@ -27,6 +27,12 @@ impl Interface {
         Self { address, prefix_bits: ADDRESS_BITS }
     }
 
+    /// The interface by which that address is reached, whichever it is.
+    #[must_use]
+    pub const fn towards(address: Ipv4Addr) -> Self {
+        Self { address, prefix_bits: 0 }
+    }
+
     /// The address as it is written: the interface's own, or one of its network.
     #[must_use]
     pub const fn address(self) -> Ipv4Addr {

@@ -1,11 +1,11 @@
 //! Where the bus runs and where the devices are: what changes between a simulated and a real arena.
 
-use std::net::{Ipv4Addr, SocketAddrV4};
+use std::net::Ipv4Addr;
 
 use serde::{Deserialize, Serialize};
 
 use crate::read::in_range;
-use crate::{ConfigError, Interface};
+use crate::{ConfigError, Devices, Interface};
 
 /// The bus and the devices.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,18 +37,6 @@ pub struct Endpoint {
     pub port: u16,
 }
 
-/// Addresses of the vendors' equipment.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Devices {
-    /// Where the motion-capture system sends its object stream: the vicon bridge listens here.
-    pub vicon: SocketAddrV4,
-    /// The data-link radio: the radio bridge sends here and takes what comes back.
-    pub data_link: SocketAddrV4,
-    /// The command-link encoder of the vehicle with id 0; vehicle n's is n ports above.
-    pub command_link: SocketAddrV4,
-}
-
 impl Network {
     pub(crate) fn check(&self, file: &str) -> Result<(), ConfigError> {
         in_range(file, "ttl", f64::from(self.ttl), 0.0, 1.0)?;
@@ -59,14 +47,9 @@ impl Network {
             65_536.0,
             268_435_456.0,
         )?;
-        for (key, port) in [
-            ("live.port", self.live.port),
-            ("sim.port", self.sim.port),
-            ("replay.port", self.replay.port),
-            ("devices.vicon", self.devices.vicon.port()),
-            ("devices.data_link", self.devices.data_link.port()),
-            ("devices.command_link", self.devices.command_link.port()),
-        ] {
+        for (key, port) in
+            [("live.port", self.live.port), ("sim.port", self.sim.port), ("replay.port", self.replay.port)]
+        {
             in_range(file, key, f64::from(port), 1.0, 65_535.0)?;
         }
         for (key, endpoint) in [("live", &self.live), ("sim", &self.sim), ("replay", &self.replay)] {
@@ -96,33 +79,6 @@ impl Network {
                 });
             }
         }
-        Ok(())
-    }
-
-    /// Refuses devices that some vehicle's command-link encoder would share an address with.
-    pub(crate) fn check_command_link(&self, file: &str, vehicle: u8) -> Result<(), ConfigError> {
-        let base = self.devices.command_link;
-        let clash = |other_key: &str, other_value: String, reason: &str| ConfigError::Contradiction {
-            file: file.to_owned(),
-            key: "devices.command_link".to_owned(),
-            value: base.to_string(),
-            other_key: other_key.to_owned(),
-            other_value,
-            reason: reason.to_owned(),
-        };
-        let Some(port) = base.port().checked_add(u16::from(vehicle)) else {
-            let reason = "an encoder's port is the first one plus the vehicle's id, at most 65535";
-            return Err(clash("a vehicle's id", vehicle.to_string(), reason));
-        };
-        let encoder = SocketAddrV4::new(*base.ip(), port);
-        for (key, device) in
-            [("devices.vicon", self.devices.vicon), ("devices.data_link", self.devices.data_link)]
-        {
-            if device == encoder {
-                let reason = format!("that is the address of vehicle {vehicle}'s command-link encoder");
-                return Err(clash(key, device.to_string(), &reason));
-            }
-        }
-        Ok(())
+        self.devices.check(file)
     }
 }

@@ -90,10 +90,24 @@ pub struct RateLoop {
     pub trim_ratio: [f64; 4],
 }
 
+/// What a vehicle listens to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Radio {
+    /// A receiver of the command link and a radio of the data link, as the paper's vehicles.
+    #[default]
+    Pair,
+    /// A Crazyradio: it is a Crazyflie, and hovers and follows commands but flies no flips.
+    Crazyradio,
+}
+
 /// Addresses and delays of the vehicle's radios, as measured on the ground.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Links {
+    /// What it listens to.
+    #[serde(default)]
+    pub radio: Radio,
     /// 16-bit address of the vehicle's data-link radio.
     pub data_address: u16,
     /// From a radio slot to the vehicle acting on its frame, until the bridge has measured it.

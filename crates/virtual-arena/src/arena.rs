@@ -8,7 +8,7 @@ use quantity::{Span, Time};
 use reflect::Seq;
 use schemas::{DeviceBytes, PlantManeuver, PlantTruth, Topic, topics};
 use service_core::{AnyNode, Identity, Published, Publisher, QUEUE_AGE_MAX, Seed};
-use settings::{Arena, ConfigError, Ports};
+use settings::{Arena, ConfigError};
 use wire::{Domain, Secret};
 
 use crate::bus::{Arrival, Bus};
@@ -87,7 +87,7 @@ const START: Time = Time::from_nanos(1_000_000_000);
 /// The plant asserts that its state stays finite.
 const FINITE: &str = "the truth is finite";
 /// What one message of device bytes holds at most.
-const DEVICE_BYTES_MAX: usize = 1472;
+const DEVICE_BYTES_MAX: usize = 32_768;
 /// How often the simulator tells the truth.
 const TRUTH_PERIOD: Span = Span::from_millis(20);
 /// How often the simulator announces its definitions.
@@ -379,9 +379,10 @@ impl<'f> VirtualArena<'f> {
     fn advance_plant(&mut self, observe: &mut dyn FnMut(Heard<'_>)) {
         let mut outputs: Vec<(&'static Topic, DeviceBytes)> = Vec::new();
         self.plant.advance(self.now, &mut |output: DeviceOutput<'_>| {
-            let (topic, port) = match output.device {
-                plant::Device::Vicon => (&topics::VICON_RX, Ports::VICON),
-                plant::Device::DataLink => (&topics::RADIO_RX, Ports::DATA_LINK),
+            let port = output.device.port();
+            let topic = match output.device {
+                plant::Device::MotionCapture | plant::Device::MotionCaptureGroup => &topics::VICON_RX,
+                plant::Device::DataLink | plant::Device::CommandLink(_) => &topics::RADIO_RX,
             };
             for piece in output.bytes.chunks(DEVICE_BYTES_MAX) {
                 let bytes = Seq::try_from(piece).expect("a piece is not longer than that");

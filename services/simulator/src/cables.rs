@@ -1,100 +1,182 @@
-//! The simulated devices' ends of the cables.
+//! The simulated devices' ends of the cables: where a bridge sends to, they listen, and the other way round.
 
 use std::io;
 use std::net::{SocketAddrV4, UdpSocket};
 use std::task::{Context, Poll};
 
-use plant::{Device, DeviceOutput};
-use service_shell::{DatagramSocket, During, ShellError, command_link, connect_udp, listen_udp, send_udp};
-use settings::{Arena, Ports};
+use plant::DeviceOutput;
+use service_shell::{
+    DatagramSocket, During, PseudoTerminal, ShellError, clock, connect_udp, interface_address, listen_udp,
+    send_udp, stream_udp,
+};
+use settings::{Arena, ConfigError, DeviceUrl, Interface, MotionCaptureProtocol, Ports, Radio};
 use tracing::{info, warn};
 
 use crate::{Arrival, Simulation};
 
 /// The simulated devices' ends of the cables.
 pub(crate) struct Cables {
-    vicon: UdpSocket,
-    data_link_sender: UdpSocket,
-    data_link_peer: Option<SocketAddrV4>,
-    inputs: Vec<Input>,
+    ends: Vec<End>,
     failed: u64,
 }
 
-struct Input {
-    port: u16,
+/// One device's end.
+struct End {
     name: String,
-    socket: DatagramSocket,
+    port: u16,
+    by: By,
+}
+
+/// What an end is.
+enum By {
+    /// Datagrams to one address.
+    Sender(UdpSocket),
+    /// Datagrams from anybody; answers go to whoever spoke last.
+    Server { socket: DatagramSocket, sender: UdpSocket, peer: Option<SocketAddrV4> },
+    /// The far end of a pseudo terminal.
+    Pty(PseudoTerminal),
 }
 
 impl Cables {
-    /// Takes the devices' addresses. Call within a tokio runtime.
+    /// Takes the devices' places. Call within a tokio runtime.
     pub(crate) fn open(arena: &Arena) -> Result<Self, ShellError> {
+        let mut ends = motion_capture(arena)?;
         let devices = &arena.network.devices;
-        let data_link = listen_udp(devices.data_link)?;
-        let data_link_sender = data_link.sender().during(|| format!("opening udp {}", devices.data_link))?;
-        let mut inputs =
-            vec![Input { port: Ports::DATA_LINK, name: "data-link".to_owned(), socket: data_link }];
+        if arena.fleet.iter().any(|member| member.vehicle.links.radio == Radio::Pair) {
+            let by = at("devices.data_link.url", &devices.data_link.url)?;
+            ends.push(End { name: "data-link".to_owned(), port: Ports::DATA_LINK, by });
+        }
         for member in &arena.fleet {
             let id = member.vehicle.id;
-            let socket = listen_udp(command_link(devices.command_link, id))?;
-            inputs.push(Input { port: Ports::command_link(id), name: format!("command-link-{id}"), socket });
+            let url = devices.radio_of(member).map_err(|reason| refused(&reason))?;
+            let by = at("devices.command_link.url", &url)?;
+            ends.push(End { name: format!("command-link-{id}"), port: Ports::command_link(id), by });
         }
-        Ok(Self {
-            vicon: connect_udp(devices.vicon)?,
-            data_link_sender,
-            data_link_peer: None,
-            inputs,
-            failed: 0,
-        })
+        Ok(Self { ends, failed: 0 })
     }
 
     /// Ready once there may be something to take.
     pub(crate) fn poll_readable(&self, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        self.inputs
-            .iter()
-            .map(|input| input.socket.poll_readable(cx))
-            .find(Poll::is_ready)
-            .unwrap_or(Poll::Pending)
+        let mut polls = self.ends.iter().map(|end| match &end.by {
+            By::Sender(_) => Poll::Pending,
+            By::Server { socket, .. } => socket.poll_readable(cx),
+            By::Pty(terminal) => terminal.poll_readable(cx),
+        });
+        polls.find(Poll::is_ready).unwrap_or(Poll::Pending)
     }
 
-    /// Hands the simulation a batch of what each device was sent.
+    /// Hands the simulation what each device was sent.
     pub(crate) fn take(&mut self, simulation: &mut Simulation) -> Result<(), ShellError> {
-        for input in &mut self.inputs {
-            let count = input.socket.take_batch().during(|| format!("receiving on {}", input.name))?;
-            for index in 0..count {
-                let datagram = input.socket.datagram(index);
-                if input.port == Ports::DATA_LINK && self.data_link_peer != Some(datagram.from) {
-                    info!(peer = %datagram.from, "the data link has a new user");
-                    self.data_link_peer = Some(datagram.from);
-                }
-                simulation.receive(Arrival {
-                    at: datagram.at,
-                    port: input.port,
-                    bytes: datagram.bytes.to_vec(),
-                });
-            }
+        for end in &mut self.ends {
+            end.take(&mut |arrival| simulation.receive(arrival))?;
         }
         Ok(())
     }
 
     /// Sends what a device says.
     pub(crate) fn send(&mut self, output: DeviceOutput<'_>) {
-        let sent = match (output.device, self.data_link_peer) {
-            (Device::Vicon, _) => send_udp(&self.vicon, output.bytes),
-            (Device::DataLink, Some(peer)) => self.data_link_sender.send_to(output.bytes, peer).map(|_| ()),
+        let port = output.device.port();
+        let Some(end) = self.ends.iter_mut().find(|end| end.port == port) else { return };
+        if let Err(error) = end.send(output.bytes) {
+            self.failed += 1;
+            if self.failed.is_power_of_two() {
+                warn!(device = end.name, failed = self.failed, %error, "cannot send");
+            }
+        }
+    }
+}
+
+impl End {
+    fn take(&mut self, receive: &mut impl FnMut(Arrival)) -> Result<(), ShellError> {
+        let what = || format!("receiving on {}", self.name);
+        match &mut self.by {
+            By::Sender(_) => {}
+            By::Server { socket, peer, .. } => {
+                let count = socket.take_batch().during(what)?;
+                for index in 0..count {
+                    let datagram = socket.datagram(index);
+                    if *peer != Some(datagram.from) {
+                        info!(device = self.name, peer = %datagram.from, "has a new user");
+                        *peer = Some(datagram.from);
+                    }
+                    receive(Arrival { at: datagram.at, port: self.port, bytes: datagram.bytes.to_vec() });
+                }
+            }
+            By::Pty(terminal) => {
+                let bytes = terminal.take().during(what)?;
+                if !bytes.is_empty() {
+                    receive(Arrival { at: clock::now(), port: self.port, bytes });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let sent = match &mut self.by {
+            By::Sender(socket) => send_udp(socket, bytes),
+            By::Server { sender, peer: Some(peer), .. } => sender.send_to(bytes, *peer).map(|_| ()),
             // As on a cable with nobody at its other end.
-            (Device::DataLink, None) => Ok(()),
+            By::Server { peer: None, .. } => Ok(()),
+            By::Pty(terminal) => terminal.send(bytes),
         };
         match sent {
             // The bridge has gone; it will speak again when it is back.
-            Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
-            Err(error) => {
-                self.failed += 1;
-                if self.failed.is_power_of_two() {
-                    warn!(device = ?output.device, failed = self.failed, %error, "cannot send");
-                }
+            Err(error)
+                if matches!(error.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::WouldBlock) =>
+            {
+                Ok(())
             }
-            Ok(()) => {}
+            sent => sent,
         }
     }
+}
+
+fn motion_capture(arena: &Arena) -> Result<Vec<End>, ShellError> {
+    let capture = &arena.network.devices.motion_capture;
+    let DeviceUrl::Udp(address) = capture.url else {
+        return Err(misplaced("devices.motion_capture.url", &capture.url));
+    };
+    let port = Ports::MOTION_CAPTURE;
+    let mut ends = match capture.protocol {
+        MotionCaptureProtocol::Vicon => {
+            vec![End { name: "vicon".to_owned(), port, by: By::Sender(connect_udp(address)?) }]
+        }
+        MotionCaptureProtocol::Natnet => {
+            vec![End { name: "natnet".to_owned(), port, by: serve(address)? }]
+        }
+    };
+    if let (MotionCaptureProtocol::Natnet, Some(group)) = (capture.protocol, capture.natnet.group) {
+        let interface = interface_address(Interface::towards(*address.ip()))?;
+        let socket = stream_udp(group, interface, arena.network.ttl)?;
+        let name = "natnet-group".to_owned();
+        ends.push(End { name, port: Ports::MOTION_CAPTURE_GROUP, by: By::Sender(socket) });
+    }
+    Ok(ends)
+}
+
+fn at(key: &str, url: &DeviceUrl) -> Result<By, ShellError> {
+    match url {
+        DeviceUrl::Udp(address) => serve(*address),
+        DeviceUrl::Pty(path) => {
+            let terminal = PseudoTerminal::create(path)
+                .during(|| format!("making the pseudo terminal {}", path.display()))?;
+            Ok(By::Pty(terminal))
+        }
+        DeviceUrl::Serial(_) | DeviceUrl::Radio(_) => Err(misplaced(key, url)),
+    }
+}
+
+fn serve(address: SocketAddrV4) -> Result<By, ShellError> {
+    let socket = listen_udp(address)?;
+    let sender = socket.sender().during(|| format!("opening udp {address}"))?;
+    Ok(By::Server { socket, sender, peer: None })
+}
+
+fn misplaced(key: &str, url: &DeviceUrl) -> ShellError {
+    refused(&format!("{key} = \"{url}\": a simulated device is at udp:// or pty:"))
+}
+
+fn refused(reason: &str) -> ShellError {
+    ConfigError::Malformed { file: "network.toml".to_owned(), reason: reason.to_owned() }.into()
 }

@@ -1,7 +1,7 @@
 //! The plant in real time, speaking device bytes.
 //!
 //! To the bridges this program is the hardware: it sends the motion-capture system's datagrams to where the
-//! vicon bridge listens, takes the radio bridge's SBUS bytes on the address of each vehicle's command-link
+//! vicon bridge listens, takes the radio bridge's bytes at the place of each vehicle's command-link
 //! encoder, and is the data-link radio. Swapping in hardware changes addresses in `network.toml` and nothing
 //! else.
 //!

@@ -155,11 +155,11 @@ mod tests {
     fn a_change_names_file_key_and_value() {
         let change = |text| parse_change(text).unwrap();
         assert_eq!(
-            change("network.devices.vicon=10.71.0.11:51001"),
+            change("network.devices.data_link.url=udp://10.71.0.10:52000"),
             Change {
                 file: "network".to_owned(),
-                keys: vec!["devices".to_owned(), "vicon".to_owned()],
-                value: Value::String("10.71.0.11:51001".to_owned()),
+                keys: ["devices", "data_link", "url"].map(str::to_owned).to_vec(),
+                value: Value::String("udp://10.71.0.10:52000".to_owned()),
             }
         );
         assert_eq!(change("network.ttl=1").value, Value::Integer(1));

@@ -367,7 +367,8 @@ mod tests {
             counter: 31,
             collective_m_s2: 24.0,
             rate_rad_s: quantity::Vector::new(12.0, -12.0, 0.0),
-            hints_valid: true,
+            attitude_valid: true,
+            height_valid: true,
             epoch_low: 255,
             ..CommandFrame::default()
         };

@@ -1,4 +1,4 @@
-//! The command link: sixteen channels of eleven bits.
+//! The command link's full map: sixteen channels of eleven bits.
 //!
 //! | Channel | Meaning | Raw to value | Range | Resolution |
 //! | --- | --- | --- | --- | --- |
@@ -13,9 +13,9 @@
 //! | 8 | vertical speed, a hint | (raw - 1024)·8/1023 m/s | ±8 | 0.00782 m/s |
 //! | 9 | vehicle address | raw | 0..255 | 1 |
 //! | 10 | low byte of the lease epoch, for the record | raw | 0..255 | 1 |
-//! | 11 | flags: 1 the hints are valid | raw | 0..1 | 1 |
+//! | 11 | flags: 1 the angles are valid, 2 height and vertical speed are | raw | 0..3 | 1 |
 //! | 12, 13 | zero, for later | 0 | | |
-//! | 14 | version of this map | 1 | | |
+//! | 14 | version of this map | 2 | | |
 //! | 15 | CRC-11/UMTS over channels 0 to 14 | | | |
 //!
 //! The two-sided scales have an exact zero. Raw 0 on them is never sent and reads as the lower end. What a
@@ -28,64 +28,30 @@ use core::f64::consts::{FRAC_PI_2, PI};
 use quantity::{Body, Rotation, Vector, World, math};
 
 use super::LinkError;
+use super::scale::Scale;
 use crate::crc::crc11;
 
 /// Greatest value of a channel.
 pub const CHANNEL_MAX: u16 = 2047;
 
 /// Version of the channel map, sent in channel 14.
-pub const LINK_VERSION: u16 = 1;
+pub const LINK_VERSION: u16 = 2;
 
 /// The counter of a command frame runs from zero to one less than this.
-const COUNTER_VALUES: u16 = 32;
+pub(super) const COUNTER_VALUES: u16 = 32;
 
 /// Raw values per value of mode and counter.
 const MODE_SPREAD: u16 = 16;
 
-const FLAG_HINTS_VALID: u16 = 1;
+const FLAG_ATTITUDE_VALID: u16 = 1;
+const FLAG_HEIGHT_VALID: u16 = 2;
 
-/// How a physical quantity lies on a channel.
-#[derive(Clone, Copy, Debug)]
-struct Scale {
-    low: f64,
-    high: f64,
-    step: f64,
-    /// The raw value at which the quantity is `origin`.
-    raw_origin: u16,
-    origin: f64,
-}
-
-impl Scale {
-    /// From minus to plus `limit`, zero exactly in the middle.
-    const fn two_sided(limit: f64) -> Self {
-        Self { low: -limit, high: limit, step: limit / 1023.0, raw_origin: 1024, origin: 0.0 }
-    }
-
-    /// From `low` at raw 0 to `high` at raw 2047.
-    const fn range(low: f64, high: f64) -> Self {
-        Self { low, high, step: (high - low) / 2047.0, raw_origin: 0, origin: low }
-    }
-
-    /// The nearest raw value; what lies outside the range goes to its end.
-    fn encode(self, value: f64) -> Result<u16, LinkError> {
-        if !value.is_finite() {
-            return Err(LinkError::NotFinite);
-        }
-        let steps = math::round((value.clamp(self.low, self.high) - self.origin) / self.step);
-        Ok((steps + f64::from(self.raw_origin)).clamp(0.0, f64::from(CHANNEL_MAX)) as u16)
-    }
-
-    fn decode(self, raw: u16) -> f64 {
-        (self.origin + (f64::from(raw) - f64::from(self.raw_origin)) * self.step).clamp(self.low, self.high)
-    }
-}
-
-const RATE_RAD_S: Scale = Scale::two_sided(12.0);
-const COLLECTIVE_M_S2: Scale = Scale::range(0.0, 24.0);
-const ROLL_RAD: Scale = Scale::two_sided(PI);
-const PITCH_RAD: Scale = Scale::two_sided(FRAC_PI_2);
-const HEIGHT_M: Scale = Scale::range(-1.0, 15.0);
-const VERTICAL_SPEED_M_S: Scale = Scale::two_sided(8.0);
+const RATE_RAD_S: Scale = Scale::two_sided(12.0, CHANNEL_MAX);
+const COLLECTIVE_M_S2: Scale = Scale::range(0.0, 24.0, CHANNEL_MAX);
+const ROLL_RAD: Scale = Scale::two_sided(PI, CHANNEL_MAX);
+const PITCH_RAD: Scale = Scale::two_sided(FRAC_PI_2, CHANNEL_MAX);
+const HEIGHT_M: Scale = Scale::range(-1.0, 15.0, CHANNEL_MAX);
+const VERTICAL_SPEED_M_S: Scale = Scale::two_sided(8.0, CHANNEL_MAX);
 
 /// Greatest magnitudes and smallest steps of the command link, for whoever must plan with them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -130,7 +96,7 @@ pub enum CommandMode {
 }
 
 impl CommandMode {
-    const fn from_bits(bits: u16) -> Self {
+    pub(super) const fn from_bits(bits: u16) -> Self {
         match bits & 3 {
             0 => Self::Disarmed,
             1 => Self::Fly,
@@ -152,9 +118,11 @@ pub struct CommandFrame {
     pub collective_m_s2: f64,
     /// Angular rate to hold, ±12 about each axis.
     pub rate_rad_s: Vector<Body>,
-    /// Whether the four hints below come from a valid estimate. Where they do not, the vehicle keeps to its
+    /// Whether the frame brings roll and pitch of a valid estimate. Where it does not, the vehicle keeps to its
     /// own.
-    pub hints_valid: bool,
+    pub attitude_valid: bool,
+    /// Whether the frame brings height and vertical speed of a valid estimate.
+    pub height_valid: bool,
     /// Hint: roll of the ground's attitude estimate (yaw, then pitch, then roll), ±π.
     pub roll_rad: f64,
     /// Hint: pitch of the ground's attitude estimate, ±π/2.
@@ -191,7 +159,8 @@ impl CommandFrame {
         channels[8] = VERTICAL_SPEED_M_S.encode(self.vertical_speed_m_s)?;
         channels[9] = u16::from(vehicle);
         channels[10] = u16::from(self.epoch_low);
-        channels[11] = if self.hints_valid { FLAG_HINTS_VALID } else { 0 };
+        channels[11] =
+            flag(self.attitude_valid, FLAG_ATTITUDE_VALID) | flag(self.height_valid, FLAG_HEIGHT_VALID);
         channels[14] = LINK_VERSION;
         channels[15] = crc11(&channels[..15]);
         Ok(channels)
@@ -217,7 +186,7 @@ impl CommandFrame {
             u8::try_from(channels[index]).map_err(|_| LinkError::UnknownValue { field })
         };
         let mode = channels[4] / MODE_SPREAD;
-        if channels[11] > FLAG_HINTS_VALID {
+        if channels[11] > FLAG_ATTITUDE_VALID | FLAG_HEIGHT_VALID {
             return Err(LinkError::UnknownValue { field: "flags" });
         }
         let frame = Self {
@@ -229,7 +198,8 @@ impl CommandFrame {
                 RATE_RAD_S.decode(channels[1]),
                 RATE_RAD_S.decode(channels[3]),
             ),
-            hints_valid: channels[11] == FLAG_HINTS_VALID,
+            attitude_valid: channels[11] & FLAG_ATTITUDE_VALID != 0,
+            height_valid: channels[11] & FLAG_HEIGHT_VALID != 0,
             roll_rad: ROLL_RAD.decode(channels[5]),
             pitch_rad: PITCH_RAD.decode(channels[6]),
             height_m: HEIGHT_M.decode(channels[7]),
@@ -254,6 +224,10 @@ impl CommandFrame {
     }
 }
 
+const fn flag(set: bool, bit: u16) -> u16 {
+    if set { bit } else { 0 }
+}
+
 /// Roll and pitch of an attitude as the hints carry them: yaw first, then pitch about the new y, then roll
 /// about the new x.
 #[must_use]
@@ -275,7 +249,8 @@ mod tests {
             counter: 19,
             collective_m_s2: 9.81,
             rate_rad_s: Vector::new(1.0, -2.1, 0.5),
-            hints_valid: true,
+            attitude_valid: true,
+            height_valid: true,
             roll_rad: 0.1,
             pitch_rad: -0.2,
             height_m: 4.0,
@@ -285,7 +260,7 @@ mod tests {
     }
 
     /// Worked out with a separate program from the table above and the catalogue's CRC-11/UMTS.
-    const GOLDEN: [u16; 16] = [1109, 845, 837, 1067, 824, 1057, 894, 640, 986, 3, 7, 1, 0, 0, 1, 1296];
+    const GOLDEN: [u16; 16] = [1109, 845, 837, 1067, 824, 1057, 894, 640, 986, 3, 7, 3, 0, 0, 2, 1854];
 
     #[test]
     fn golden_channels_both_ways() {
@@ -329,9 +304,9 @@ mod tests {
     #[test]
     fn another_version_is_refused() {
         let mut channels = GOLDEN;
-        channels[14] = 2;
+        channels[14] = 1;
         channels[15] = crc11(&channels[..15]);
-        assert_eq!(CommandFrame::decode(&channels), Err(LinkError::Version { received: 2 }));
+        assert_eq!(CommandFrame::decode(&channels), Err(LinkError::Version { received: 1 }));
     }
 
     fn rates() -> impl Strategy<Value = f64> {
@@ -341,7 +316,8 @@ mod tests {
     proptest! {
         #[test]
         fn reading_back_is_off_by_half_a_step_at_most(
-            mode in 0u16..4, counter in 0u8..32, vehicle: u8, epoch_low: u8, hints_valid: bool,
+            mode in 0u16..4, counter in 0u8..32, vehicle: u8, epoch_low: u8,
+            attitude_valid: bool, height_valid: bool,
             collective_m_s2 in 0.0..=24.0f64, x in rates(), y in rates(), z in rates(),
             roll_rad in -PI..=PI, pitch_rad in -FRAC_PI_2..=FRAC_PI_2,
             height_m in -1.0..=15.0f64, vertical_speed_m_s in -8.0..=8.0f64,
@@ -349,12 +325,12 @@ mod tests {
             let sent = CommandFrame {
                 mode: CommandMode::from_bits(mode), counter, collective_m_s2,
                 rate_rad_s: Vector::new(x, y, z),
-                hints_valid, roll_rad, pitch_rad, height_m, vertical_speed_m_s, epoch_low,
+                attitude_valid, height_valid, roll_rad, pitch_rad, height_m, vertical_speed_m_s, epoch_low,
             };
             let (address, read) = CommandFrame::decode(&sent.encode(vehicle).unwrap()).unwrap();
             prop_assert_eq!(address, vehicle);
             prop_assert_eq!((read.mode, read.counter, read.epoch_low), (sent.mode, counter, epoch_low));
-            prop_assert_eq!(read.hints_valid, hints_valid);
+            prop_assert_eq!((read.attitude_valid, read.height_valid), (attitude_valid, height_valid));
             for (a, b, scale) in [
                 (read.collective_m_s2, collective_m_s2, COLLECTIVE_M_S2),
                 (read.rate_rad_s.x, x, RATE_RAD_S), (read.rate_rad_s.y, y, RATE_RAD_S),

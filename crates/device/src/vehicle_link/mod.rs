@@ -3,7 +3,8 @@
 //! A vehicle has two radios, as in the paper (Lupashin 2010, section V.A):
 //!
 //! * the *command link*, one way, 50 Hz, one stream per vehicle: a [`CommandFrame`] in the sixteen channels
-//!   of an SBUS or a CRSF frame. Each frame stands for itself; the newest wins.
+//!   of an SBUS or a CRSF frame, or ([`ChannelMap::Compact`]) in what ExpressLRS leaves of them. Each frame
+//!   stands for itself; the newest wins.
 //! * the *data link*, both ways, slower and lossy: an [`Uplink`] or a [`Downlink`] in one radio payload of at
 //!   most [`PAYLOAD_BYTES_MAX`] bytes. Every message may be lost, repeated or overtaken without harm: orders
 //!   carry an identity and are obeyed once, reports carry the whole state.
@@ -11,9 +12,11 @@
 //! A flip's parameters travel on the data link as a [`FlipSet`] and are flown from the vehicle's own store.
 
 mod channels;
+mod compact;
 mod downlink;
 mod flip_set;
 mod payload;
+mod scale;
 mod uplink;
 
 use core::fmt;
@@ -28,6 +31,41 @@ pub use downlink::{
 pub use flip_set::{FLIP_SET_LEN, FlipSet, digest_of};
 pub use payload::PAYLOAD_BYTES_MAX;
 pub use uplink::{ITEMS_PER_PAYLOAD_MAX, Items, SET_LEN_MAX, Uplink};
+
+/// How a command frame lies on the channels of the command link. Both ends must be set to the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ChannelMap {
+    /// Sixteen channels of eleven bits: wires, and radios that carry SBUS as it is.
+    #[default]
+    Full,
+    /// Eight channels of ten bits and one of one: ExpressLRS.
+    Compact,
+}
+
+impl ChannelMap {
+    /// The channels that bring `frame` to `vehicle`.
+    ///
+    /// # Errors
+    /// As [`CommandFrame::encode`].
+    pub fn encode(self, frame: &CommandFrame, vehicle: u8) -> Result<[u16; 16], LinkError> {
+        match self {
+            Self::Full => frame.encode(vehicle),
+            Self::Compact => frame.encode_compact(vehicle),
+        }
+    }
+
+    /// Whom the frame in these channels is for, and the frame, as `vehicle` reads it. In the compact map
+    /// a frame for another vehicle is one with a wrong check.
+    ///
+    /// # Errors
+    /// As [`CommandFrame::decode`] and [`CommandFrame::decode_compact`].
+    pub fn decode(self, channels: &[u16; 16], vehicle: u8) -> Result<(u8, CommandFrame), LinkError> {
+        match self {
+            Self::Full => CommandFrame::decode(channels),
+            Self::Compact => CommandFrame::decode_compact(channels, vehicle).map(|frame| (vehicle, frame)),
+        }
+    }
+}
 
 /// Why bytes or channels are not one of our messages, or a message cannot become bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

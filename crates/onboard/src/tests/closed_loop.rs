@@ -163,7 +163,7 @@ fn rate_step(gains: RateGains, step_rad_s: f64, seconds: f64) -> Vec<f64> {
     settings.rates.flight = gains;
     let mut bench = Bench::new(settings).brought_to(6.0);
     bench.frame.rate_rad_s = Vector::new(0.0, step_rad_s, 0.0);
-    bench.frame.hints_valid = false;
+    (bench.frame.attitude_valid, bench.frame.height_valid) = (false, false);
     let commanded = bench.frame.quantise().unwrap().rate_rad_s.y;
     let mut plane = HOVERING;
     let mut rates = Vec::new();

@@ -134,7 +134,7 @@ fn without_a_floor_to_feel_the_land_timer_stops_the_motors() {
 #[test]
 fn a_vehicle_that_knows_nothing_of_itself_keeps_rates_at_zero_and_times_out() {
     let mut bench = Bench::new(FirmwareSettings::table_i(VEHICLE));
-    bench.frame.hints_valid = false;
+    (bench.frame.attitude_valid, bench.frame.height_valid) = (false, false);
     bench.floor = false;
     let mut bench = bench.brought_to(4.0);
     bench.linked = false;

@@ -156,7 +156,7 @@ fn a_refused_start_does_not_happen_later() {
 #[test]
 fn a_vehicle_that_does_not_know_its_state_does_not_flip() {
     let mut bench = Bench::new(FirmwareSettings::table_i(VEHICLE));
-    bench.frame.hints_valid = false;
+    (bench.frame.attitude_valid, bench.frame.height_valid) = (false, false);
     let mut bench = bench.brought_to(5.0);
     bench.upload(7, &DOUBLE);
     bench.start(1, 7, &DOUBLE);
@@ -207,7 +207,7 @@ fn an_abort_ends_it_levels_the_vehicle_and_then_flies_commands_again() {
         follow(&mut bench);
         bench.tick();
     }
-    bench.frame.hints_valid = false;
+    (bench.frame.attitude_valid, bench.frame.height_valid) = (false, false);
     bench.uplink(&Uplink::Abort { maneuver_id: 5 });
     bench.imu.rate_rad_s = Vector::ZERO;
     let aborted = bench.now;

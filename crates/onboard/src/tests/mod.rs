@@ -54,7 +54,7 @@ impl Bench {
             firmware: Firmware::new(FirmwareSettings { vehicle: VEHICLE, ..settings }).unwrap(),
             now: Time::ZERO + Span::from_secs(1),
             imu: ImuSample { rate_rad_s: Vector::ZERO, acceleration_m_s2: rest, battery_v: 11.5 },
-            frame: CommandFrame { hints_valid: true, ..CommandFrame::default() },
+            frame: CommandFrame { attitude_valid: true, height_valid: true, ..CommandFrame::default() },
             linked: true,
             floor: true,
             height_m: 0.0,

@@ -76,7 +76,7 @@ fn poses_in_the_datagrams_are_the_truth_of_their_exposure() {
     while plant.now() < Time::ZERO + Span::from_millis(900) {
         let event = plant.next_event();
         plant.advance(event, &mut |output| {
-            if output.device == Device::Vicon {
+            if output.device == Device::MotionCapture {
                 let object = Datagram::decode(output.bytes).unwrap().objects().next().unwrap();
                 let [x, y, z] = object.translation_mm;
                 let rotation = euler_to_rotation(object.rotation_rad).unwrap();

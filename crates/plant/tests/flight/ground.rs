@@ -110,7 +110,7 @@ impl Ground {
                     *digest = (*digest ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3);
                 }
                 match output.device {
-                    Device::Vicon => vicon.push((output.at, output.bytes.to_vec())),
+                    Device::MotionCapture => vicon.push((output.at, output.bytes.to_vec())),
                     Device::DataLink => decoder.receive(output.bytes, |frame| {
                         if let Frame::Receive16 { data, .. } = frame
                             && let Ok((from, Downlink::Status(status))) = Downlink::decode(data)
@@ -119,6 +119,7 @@ impl Ground {
                             statuses.push((output.at, status));
                         }
                     }),
+                    other => panic!("{other:?} has nothing to say in this arena"),
                 }
             });
             if event > until {
@@ -136,7 +137,8 @@ impl Ground {
             counter: self.counter,
             collective_m_s2: 0.0,
             rate_rad_s: Vector::ZERO,
-            hints_valid: true,
+            attitude_valid: true,
+            height_valid: true,
             roll_rad,
             pitch_rad,
             height_m: motion.position_m.z,

@@ -333,7 +333,7 @@ fn in_a_replay_the_nodes_own_device_bytes_come_from_the_bus_signed_for_its_role(
 #[test]
 fn bytes_of_its_device_are_published_before_the_core_is_stepped_with_the_very_same() {
     let mut node = bridge();
-    let bytes = DeviceBytes { port: 3, at: after(-1), bytes: vec![9; 1472].try_into().unwrap() };
+    let bytes = DeviceBytes { port: 3, at: after(-1), bytes: vec![9; 32_768].try_into().unwrap() };
     let said = Said::during(|sink| node.inject(BEGIN, &topics::RADIO_RX, bytes.clone(), sink));
     assert_eq!(said.of::<DeviceBytes>(&topics::RADIO_RX), std::slice::from_ref(&bytes));
     assert_eq!(node.core().heard, [Event::Input(Input::Bytes(bytes))]);
@@ -353,7 +353,7 @@ fn a_driver_cannot_make_a_node_publish_what_is_not_its_devices() {
 #[test]
 fn device_bytes_that_cannot_be_said_are_reported_and_not_stepped_on() {
     // 1473 bytes are no `DeviceBytes` at all: the type keeps them out.
-    assert!(reflect::Seq::<u8, 1472>::try_from(vec![0; 1473]).is_err());
+    assert!(reflect::Seq::<u8, 32768>::try_from(vec![0; 32_769]).is_err());
     let mut node = bridge();
     let early = DeviceBytes { at: Time::from_nanos(-5), ..DeviceBytes::default() };
     let said = Said::during(|sink| node.inject(BEGIN, &topics::RADIO_RX, early, sink));

@@ -10,7 +10,7 @@ use wire::{Domain, Secret};
 
 use super::*;
 use crate::identity::identity;
-use crate::scratch::network;
+use crate::scratch::{network, udp};
 
 inputs! {
     /// What the toy camera bridge hears.
@@ -157,15 +157,15 @@ fn device_bytes_step_their_bridge_once_and_are_published_first() {
     block_on(async {
         let setup = setup("vicon-bridge");
         let mut node = node::<Camera>(&setup);
-        let endpoints = devices::endpoints("vicon-bridge", &setup.arena);
+        let endpoints = devices::endpoints("vicon-bridge", &setup.arena).unwrap();
         let mut shell = Shell::open(&setup, &node, endpoints).unwrap();
         let data = [&topics::VICON_RX, &topics::MOCAP_FRAME];
         let mut listener =
             BusReceiver::join(&setup.arena.network, Domain::Sim, Listen::Topics(&data)).unwrap();
         let cameras = UdpSocket::bind("127.0.0.1:0").unwrap();
         let before = clock::now();
-        cameras.send_to(b"frame one", setup.arena.network.devices.vicon).unwrap();
-        cameras.send_to(b"frame two", setup.arena.network.devices.vicon).unwrap();
+        cameras.send_to(b"frame one", udp(&setup.arena.network.devices.motion_capture.url)).unwrap();
+        cameras.send_to(b"frame two", udp(&setup.arena.network.devices.motion_capture.url)).unwrap();
         while node.core().received.len() < 2 {
             round(&mut shell, &mut node).await;
         }
@@ -178,7 +178,7 @@ fn device_bytes_step_their_bridge_once_and_are_published_first() {
             (&*received[0].bytes, &*received[1].bytes),
             (b"frame one".as_slice(), b"frame two".as_slice())
         );
-        assert!(received.iter().all(|bytes| bytes.port == Ports::VICON && bytes.at >= before));
+        assert!(received.iter().all(|bytes| bytes.port == Ports::MOTION_CAPTURE && bytes.at >= before));
         assert_eq!(heard(&mut listener), ["vicon/rx", "mocap/frame", "vicon/rx", "mocap/frame"]);
         Ok(())
     })
@@ -204,11 +204,11 @@ fn commands_reach_the_radio_of_their_vehicle() {
     block_on(async {
         let setup = setup("radio-bridge");
         let mut node = node::<Radio>(&setup);
-        let endpoints = devices::endpoints("radio-bridge", &setup.arena);
+        let endpoints = devices::endpoints("radio-bridge", &setup.arena).unwrap();
         let mut shell = Shell::open(&setup, &node, endpoints).unwrap();
-        let base = setup.arena.network.devices.command_link;
-        let encoders =
-            [1, 2, 3].map(|vehicle| UdpSocket::bind(devices::command_link(base, vehicle)).unwrap());
+        let radio_of = |member| setup.arena.network.devices.radio_of(member).unwrap();
+        let encoders: Vec<UdpSocket> =
+            setup.arena.fleet.iter().map(|member| UdpSocket::bind(udp(&radio_of(member))).unwrap()).collect();
         publish_commands(&setup, identity("hover-controller", Domain::Sim, RUN, 1), [2, 3, 9]);
         while commands(&node) < 3 {
             round(&mut shell, &mut node).await;
@@ -230,8 +230,8 @@ fn the_data_link_answers_the_socket_it_was_spoken_to_from() {
     block_on(async {
         let setup = setup("radio-bridge");
         let mut node = node::<Radio>(&setup);
-        let radio = UdpSocket::bind(setup.arena.network.devices.data_link).unwrap();
-        let endpoints = devices::endpoints("radio-bridge", &setup.arena);
+        let radio = UdpSocket::bind(udp(&setup.arena.network.devices.data_link.url)).unwrap();
+        let endpoints = devices::endpoints("radio-bridge", &setup.arena).unwrap();
         let mut shell = Shell::open(&setup, &node, endpoints).unwrap();
         // The bridge speaks first: only so does the radio learn where it is.
         let bytes = DeviceBytes { port: Ports::DATA_LINK, at: clock::now(), bytes: Seq::default() };
@@ -297,11 +297,9 @@ fn a_stranger_is_dropped_and_counted() {
 #[test]
 fn what_waited_too_long_in_the_queue_is_no_news() {
     let now = Time::ZERO + Span::from_secs(100);
-    let from = std::net::SocketAddrV4::new(std::net::Ipv4Addr::LOCALHOST, 1);
-    let aged = |age| Datagram { at: now - age, from, bytes: &[] };
-    assert!(!is_old(now, aged(Span::ZERO)));
-    assert!(!is_old(now, aged(QUEUE_AGE_MAX)));
-    assert!(is_old(now, aged(QUEUE_AGE_MAX + Span::from_nanos(1))));
+    assert!(!is_old(now, now));
+    assert!(!is_old(now, now - QUEUE_AGE_MAX));
+    assert!(is_old(now, now - QUEUE_AGE_MAX - Span::from_nanos(1)));
 }
 
 #[test]

@@ -190,13 +190,6 @@ fn a_number_out_of_range_is_refused() {
         "data_address = 0xFFFE",
         expect!["config/vehicles/v01.toml: links.data_address = 65534, but it must lie within 0 and 65533"],
     );
-    refused(
-        "range-port",
-        "network.toml",
-        "vicon",
-        "vicon = \"127.0.0.1:0\"",
-        expect!["config/network.toml: devices.vicon = 0, but it must lie within 1 and 65535"],
-    );
 }
 
 #[test]
@@ -333,24 +326,117 @@ fn two_settings_that_contradict_each_other_are_refused_with_both() {
         "group = \"10.0.0.1\"",
         expect!["config/network.toml: live.group = 10.0.0.1 is not a multicast address (224.0.0.0/4)"],
     );
-    refused(
-        "pair-device",
-        network,
-        "command_link",
-        "command_link = \"127.0.0.1:51000\"",
+}
+
+/// `network.toml` with one piece of its text changed.
+fn network(name: &str, from: &str, to: &str, words: Expect) {
+    let shipped = std::fs::read_to_string(crate::folder::shipped().join("network.toml")).unwrap();
+    assert!(shipped.contains(from), "{from:?} is not shipped");
+    let folder = Folder::new(name);
+    words.assert_eq(&folder.write("network.toml", &shipped.replace(from, to)).refusal("double-flip"));
+}
+
+#[test]
+fn a_device_that_cannot_be_there_is_refused() {
+    network(
+        "device-port",
+        "udp://127.0.0.1:51001",
+        "udp://127.0.0.1:0",
+        expect![[
+            r#"config/network.toml: devices.motion_capture.url = "udp://127.0.0.1:0": "udp://127.0.0.1:0" is no device: port 0 is nobody's"#
+        ]],
+    );
+    network(
+        "device-scheme",
+        "udp://127.0.0.1:51001",
+        "127.0.0.1:51001",
+        expect![[
+            r#"config/network.toml: devices.motion_capture.url = "127.0.0.1:51001": "127.0.0.1:51001" is no device: it begins with none of udp://, serial://, pty:, radio://"#
+        ]],
+    );
+    network(
+        "device-cameras",
+        "udp://127.0.0.1:51001",
+        "pty:cameras",
+        expect![[
+            r#"config/network.toml: devices.motion_capture.url = "pty:cameras": motion capture comes in datagrams, so it needs udp://"#
+        ]],
+    );
+    network(
+        "device-data",
+        "udp://127.0.0.1:52000",
+        "radio://0/80/2M/E7E7E7E7E7",
+        expect![[
+            r#"config/network.toml: devices.data_link.url = "radio://0/80/2M/E7E7E7E7E7": the data link is an XBee module: udp://, serial:// or pty:"#
+        ]],
+    );
+    network(
+        "device-encoder",
+        "udp://127.0.0.1:52100",
+        "radio://0/80/2M/E7E7E7E7{id}",
+        expect![[
+            r#"config/network.toml: devices.command_link.url = "radio://0/80/2M/E7E7E7E7{id}": the command link has encoders: udp://, serial:// or pty:"#
+        ]],
+    );
+    network(
+        "device-crazyflie",
+        "udp://127.0.0.1:19849",
+        "pty:crazyflie-{id}",
+        expect![[
+            r#"config/network.toml: devices.crazyflie.url = "pty:crazyflie-{id}": a Crazyflie is reached by radio:// or, simulated, by udp://"#
+        ]],
+    );
+    network(
+        "device-protocol",
+        "\"sbus\"",
+        "\"ppm\"",
+        expect![[
+            r#"config/network.toml: devices.command_link.protocol = "ppm": unknown variant `ppm`, expected `sbus` or `crsf`"#
+        ]],
+    );
+    network(
+        "device-bits",
+        "channel_bits = 11",
+        "channel_bits = 12",
         expect![
-            "config/network.toml: devices.command_link = 127.0.0.1:51000 does not go with devices.vicon = 127.0.0.1:51001: that is the address of vehicle 1's command-link encoder"
+            "config/network.toml: devices.command_link.channel_bits = 12: a channel has 10 or 11 bits, not 12"
         ],
     );
-    refused(
-        "pair-last-port",
-        network,
-        "command_link",
-        "command_link = \"127.0.0.1:65535\"",
+    network(
+        "device-pair",
+        "udp://127.0.0.1:52100",
+        "udp://127.0.0.1:51000",
         expect![
-            "config/network.toml: devices.command_link = 127.0.0.1:65535 does not go with a vehicle's id = 1: an encoder's port is the first one plus the vehicle's id, at most 65535"
+            "config/network.toml: devices.command_link.url = udp://127.0.0.1:51000 does not go with devices.motion_capture.url = udp://127.0.0.1:51001: that is where vehicle 1's radio is"
         ],
     );
+    network(
+        "device-last-port",
+        "udp://127.0.0.1:52100",
+        "udp://127.0.0.1:65535",
+        expect![[
+            r#"config/network.toml: devices.command_link.url = "udp://127.0.0.1:65535": 127.0.0.1:65535 plus a vehicle's id of 1 is beyond port 65535"#
+        ]],
+    );
+    let group = "51001\"\nnatnet = { group = \"10.0.0.1:1511\" }";
+    network(
+        "device-group",
+        "51001\"",
+        group,
+        expect![[
+            r#"config/network.toml: devices.motion_capture.natnet.group = "10.0.0.1:1511": that is no multicast address (224.0.0.0/4) and port"#
+        ]],
+    );
+}
+
+#[test]
+fn a_fleet_needs_a_command_link_each() {
+    let shipped = std::fs::read_to_string(crate::folder::shipped().join("network.toml")).unwrap();
+    let one_line = shipped.replace("udp://127.0.0.1:52100", "serial:///dev/ttyUSB0?baud=100000");
+    let folder = Folder::new("device-fleet");
+    folder.write("network.toml", &one_line).load("double-flip").unwrap();
+    expect!["config/network.toml: devices.command_link.url = serial:///dev/ttyUSB0?baud=100000 does not go with the radio of vehicle 1 = serial:///dev/ttyUSB0?baud=100000: that is where vehicle 2's radio is; {id} stands for a vehicle's id"].assert_eq(&folder.refusal("fleet"));
+    folder.write("network.toml", &one_line.replace("ttyUSB0", "link-{id}")).load("fleet").unwrap();
 }
 
 /// The fleet with one line of its second vehicle changed.

@@ -78,7 +78,7 @@ fn a_command_links_port_and_its_vehicle_are_one_number() {
     for vehicle in 0..=u8::MAX {
         assert_eq!(Ports::vehicle_of_command_link(Ports::command_link(vehicle)), Some(vehicle));
     }
-    for port in [Ports::VICON, Ports::DATA_LINK, 0xff, 0x200, 0x1101] {
+    for port in [Ports::MOTION_CAPTURE, Ports::MOTION_CAPTURE_GROUP, Ports::DATA_LINK, 0xff, 0x1101] {
         assert_eq!(Ports::vehicle_of_command_link(port), None, "{port:#x}");
     }
 }

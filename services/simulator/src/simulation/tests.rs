@@ -25,8 +25,9 @@ fn said(simulation: &mut Simulation, until: Time) -> Vec<(&'static str, Time, Ve
     simulation.advance(until, &mut |said| {
         all.push(match said {
             Said::Device(output) => match output.device {
-                Device::Vicon => ("vicon", output.at, output.bytes.to_vec()),
+                Device::MotionCapture => ("vicon", output.at, output.bytes.to_vec()),
                 Device::DataLink => ("data-link", output.at, output.bytes.to_vec()),
+                other => panic!("{other:?} has nothing to say in this arena"),
             },
             Said::Truth(truth) => ("truth", truth.at, vec![truth.vehicle]),
             Said::Maneuver(maneuver) => ("maneuver", maneuver.ended_at, vec![maneuver.vehicle]),
