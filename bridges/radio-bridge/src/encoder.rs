@@ -35,3 +35,25 @@ impl Encoder {
         }
     }
 }
+
+/// What comes back on the encoder's line: a CRSF module tells how its link fares.
+#[derive(Clone, Debug)]
+pub(crate) struct EncoderLine(crsf::Decoder);
+
+impl EncoderLine {
+    /// A line on which nothing came yet.
+    pub(crate) const fn new() -> Self {
+        Self(crsf::Decoder::new())
+    }
+
+    /// The shares of packets that the vehicle received, in percent, which these bytes tell; any portions do.
+    pub(crate) fn qualities_percent(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let mut qualities = Vec::new();
+        self.0.receive(bytes, |frame| {
+            if let crsf::Frame::LinkStatistics(statistics) = frame {
+                qualities.push(statistics.uplink_quality_percent);
+            }
+        });
+        qualities
+    }
+}

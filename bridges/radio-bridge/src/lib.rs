@@ -87,6 +87,8 @@ service_core::outputs! {
 /// Commands of an overtaken controller that may still be on their way; more of them mean that it is still
 /// there.
 const CONFLICT_COMMANDS_MIN: u64 = 3;
+/// Of a command link's packets so many should arrive, in percent; ExpressLRS's own warning level.
+const QUALITY_PERCENT_MIN: u8 = 50;
 /// Payloads in a row that a vehicle's radio has not acknowledged, before it is reported.
 const UNDELIVERED_REPORTED: u32 = 10;
 
@@ -294,7 +296,24 @@ impl RadioBridge {
         }
     }
 
+    /// What the encoder of a vehicle's command link says of its link.
+    fn hear_encoder(&mut self, now: Time, id: u8, bytes: &[u8], out: &mut Outbox<Output>) {
+        let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id) else {
+            self.counters.foreign += 1;
+            return;
+        };
+        for quality_percent in vehicle.encoder_line.qualities_percent(bytes) {
+            if quality_percent < QUALITY_PERCENT_MIN {
+                let detail = || format!("{quality_percent} % of its packets arrive at the vehicle");
+                self.reports.warn(now, id, "command-link-weak", detail, out);
+            }
+        }
+    }
+
     fn receive(&mut self, now: Time, received: &DeviceBytes, out: &mut Outbox<Output>) {
+        if let Some(id) = Ports::vehicle_of_command_link(received.port) {
+            return self.hear_encoder(now, id, &received.bytes, out);
+        }
         if received.port != Ports::DATA_LINK {
             self.counters.foreign += 1;
             return;

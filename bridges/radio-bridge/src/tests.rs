@@ -339,3 +339,27 @@ fn messages_for_unknown_vehicles_are_reported_and_dropped() {
     assert_eq!(hall.events_named("vehicle-unknown").len(), 1);
     assert_eq!(hall.bridge.counters().foreign, 500);
 }
+
+#[test]
+fn a_crsf_module_that_hears_half_of_its_vehicle_is_reported_of_that_vehicle() {
+    let mut bridge = bridge("fleet");
+    let mut out = Outbox::default();
+    let mut line = [0; device::crsf::FRAME_BYTES_MAX];
+    for (at, quality) in [(100, 100), (200, 50), (300, 49)] {
+        let statistics =
+            device::crsf::LinkStatistics { uplink_quality_percent: quality, ..Default::default() };
+        let frame = device::crsf::Frame::LinkStatistics(statistics);
+        let length = frame.encode(device::crsf::ADDRESS_HANDSET, &mut line).expect("fits");
+        // A serial line cuts where it likes.
+        for piece in line[..length].chunks(5) {
+            let bytes = piece.try_into().expect("fits");
+            let received = DeviceBytes { port: Ports::command_link(2), at: ms(at), bytes };
+            bridge.step(ms(at), Event::Input(Input::Received(received)), &mut out);
+        }
+    }
+    let weak: Vec<_> =
+        out.events().iter().filter(|event| event.name.as_str() == "command-link-weak").collect();
+    assert_eq!(weak.len(), 1);
+    assert_eq!((weak[0].vehicle, weak[0].at), (2, ms(300)));
+    assert_eq!(bridge.counters().foreign, 0);
+}

@@ -10,7 +10,7 @@ use service_core::Outbox;
 use crate::Output;
 use crate::clock::{Plausibility, VehicleClock};
 use crate::delay::LinkDelay;
-use crate::encoder::Encoder;
+use crate::encoder::{Encoder, EncoderLine};
 use crate::lease::Lease;
 use crate::orders::{AbortOrder, StartOrder};
 use crate::slots::CommandLink;
@@ -66,6 +66,8 @@ pub(crate) struct Vehicle {
     pub(crate) lease: Lease,
     /// What it is commanded.
     pub(crate) commands: CommandLink,
+    /// What its encoder says.
+    pub(crate) encoder_line: EncoderLine,
     /// Whether a person has stopped it.
     pub(crate) stop: EmergencyStop,
     /// How long its command link takes.
@@ -118,6 +120,7 @@ impl Vehicle {
             address: member.links.data_address,
             lease: Lease::default(),
             commands: CommandLink::new(member.id, encoder, Span::from_secs_f64(tuning.command_age_s_max)),
+            encoder_line: EncoderLine::new(),
             stop: EmergencyStop::default(),
             delay: LinkDelay::new(member.links.command_delay_s, tuning.action_delay_s),
             clock,

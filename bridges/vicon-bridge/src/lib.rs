@@ -417,4 +417,6 @@ fn common_latency(arena: &Arena) -> Result<Span, ConfigError> {
 }
 
 #[cfg(test)]
+mod natnet_tests;
+#[cfg(test)]
 mod tests;

@@ -442,7 +442,7 @@ impl<'f> VirtualArena<'f> {
         let mut sink = |published: Published<'_>| {
             log.note(now, published.datagram);
             observe(Heard { at: now, from, published });
-            if published.topic == &topics::RADIO_TX
+            if [&topics::RADIO_TX, &topics::VICON_TX].contains(&published.topic)
                 && published.is_data()
                 && let Ok(bytes) = wire::decode::<DeviceBytes>(published.body)
             {
