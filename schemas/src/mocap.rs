@@ -15,6 +15,8 @@ pub struct MocapFrame {
     pub exposed_at: Time,
     /// When the last datagram of the frame reached this host.
     pub received_at: Time,
+    /// Time from exposure to arrival: as the vendor's system stamped this frame, or the setting where it does not.
+    pub latency_s: f64,
     /// The vehicles seen, in the vendor's order; a vehicle not listed was not seen.
     pub bodies: Seq<MocapBody, 16>,
 }

@@ -46,6 +46,8 @@ pub struct VehicleState {
     pub accepted_frames: u16,
     /// The instant `estimate` describes: the exposure of the newest frame used, or now when coasting.
     pub estimated_for: Time,
+    /// When the newest motion-capture frame used reached this host: the beginning of the way to a radio frame.
+    pub frame_received_at: Time,
     /// Filtered state at `estimated_for`.
     pub estimate: Kinematics,
     /// The instant `prediction` describes: when a command sent in the next radio slot takes effect.
@@ -83,6 +85,8 @@ pub struct VehicleCommand {
     pub lease_epoch: u32,
     /// The bridge sends this command in no slot after this instant.
     pub valid_until: Time,
+    /// When the newest motion-capture frame behind it reached this host.
+    pub frame_received_at: Time,
     /// Collective acceleration: total thrust by mass, along the body's z axis.
     pub collective_m_s2: f64,
     /// Angular rate to hold.
@@ -107,7 +111,13 @@ pub struct CommandSent {
     pub lease_epoch: u32,
     /// The slot, counted from the bridge's start.
     pub slot: u64,
-    /// When the slot began.
+    /// When the newest motion-capture frame behind the command reached this host.
+    pub frame_received_at: Time,
+    /// When the command had reached the bridge: from here on it waited for its slot.
+    pub commanded_at: Time,
+    /// When the slot was to begin, by its schedule.
+    pub slot_at: Time,
+    /// When the slot did begin.
     pub sent_at: Time,
     /// When the next slot begins.
     pub next_slot_at: Time,

@@ -31,6 +31,8 @@ pub(crate) struct Schedule {
 pub(crate) struct Slot {
     /// Counted from the bridge's start.
     pub(crate) number: u64,
+    /// When it was to begin.
+    pub(crate) at: Time,
     /// When the one after it begins.
     pub(crate) next_at: Time,
 }
@@ -65,7 +67,7 @@ impl Schedule {
             return None;
         }
         self.next = number + 1;
-        Some(Slot { number, next_at: self.next_at() })
+        Some(Slot { number, at: self.begin(number), next_at: self.next_at() })
     }
 
     fn begin(&self, slot: u64) -> Time {
@@ -131,8 +133,8 @@ impl CommandLink {
 
     /// Serves a slot; `link_delay_s` is for the report.
     pub(crate) fn serve(&mut self, now: Time, slot: Slot, link_delay_s: f64) -> Served {
-        let command = match self.usable(now) {
-            Ok(command) => command,
+        let (command, commanded_at) = match self.usable(now) {
+            Ok(usable) => usable,
             Err(reason) => return self.fall_silent(reason),
         };
         let Some((frame, channels)) = frame(&command, self.encoder.map, self.vehicle, self.counter) else {
@@ -143,6 +145,9 @@ impl CommandLink {
             mode: command.mode,
             lease_epoch: command.lease_epoch,
             slot: slot.number,
+            frame_received_at: command.frame_received_at,
+            commanded_at,
+            slot_at: slot.at,
             sent_at: now,
             next_slot_at: slot.next_at,
             link_delay_s,
@@ -178,12 +183,13 @@ impl CommandLink {
         }
     }
 
-    fn usable(&self, now: Time) -> Result<VehicleCommand, &'static str> {
+    /// The newest command and when it came, if it may be sent.
+    fn usable(&self, now: Time) -> Result<(VehicleCommand, Time), &'static str> {
         match &self.newest {
             None => Err("no command"),
             Some((command, _)) if command.valid_until < now => Err("the newest command's validity is over"),
             Some((_, at)) if now - *at > self.age_max => Err("the newest command is too old"),
-            Some((command, _)) => Ok(*command),
+            Some((command, at)) => Ok((*command, *at)),
         }
     }
 
@@ -242,6 +248,7 @@ mod tests {
             mode: CommandMode::Fly,
             lease_epoch: 0x107,
             valid_until,
+            frame_received_at: ms(85),
             collective_m_s2: 9.81,
             rate_rad_s: Vector::new(1.0, -2.1, 0.5),
             orientation: Rotation::from_yaw_pitch_roll(2.0, -0.2, 0.1),
@@ -268,7 +275,8 @@ mod tests {
         0xEE, 0x18, 0x16, 0x57, 0x7C, 0x5A, 0xD1, 0x56, 0x08, 0xF0, 0x40, 0x6D, 0xEF, 0x67, 0xC3, 0x07, 0x1F,
         0xF8, 0xC0, 0x07, 0x3E, 0xF0, 0x81, 0x0F, 0x7C, 0x22,
     ];
-    const SLOT: Slot = Slot { number: 5, next_at: Time::from_nanos(120_000_000) };
+    const SLOT: Slot =
+        Slot { number: 5, at: Time::from_nanos(100_000_000), next_at: Time::from_nanos(120_000_000) };
 
     #[test]
     fn slots_follow_the_absolute_schedule_once_each() {
@@ -289,7 +297,7 @@ mod tests {
         let mut schedule = Schedule::new(ms(0), Span::from_millis(20));
         assert_eq!(schedule.due(ms(0)).map(|slot| slot.number), Some(0));
         // Early in slot 7: that one, and none of those missed.
-        assert_eq!(schedule.due(ms(149)), Some(Slot { number: 7, next_at: ms(160) }));
+        assert_eq!(schedule.due(ms(149)), Some(Slot { number: 7, at: ms(140), next_at: ms(160) }));
         assert_eq!((schedule.missed(), schedule.due(ms(150))), (6, None));
         // Late in slot 9: left out, the next is 10.
         assert_eq!((schedule.due(ms(195)), schedule.next_at(), schedule.missed()), (None, ms(200), 8));
@@ -315,6 +323,9 @@ mod tests {
         assert_eq!(bytes.bytes[..], GOLDEN);
         assert_eq!((report.vehicle, report.slot, report.lease_epoch), (3, 5, 0x107));
         assert_eq!((report.sent_at, report.next_slot_at, report.link_delay_s), (ms(100), ms(120), 0.018));
+        // From the cameras' datagram to the command, and from the schedule to the slot: what the wait is not.
+        let way = (report.frame_received_at, report.commanded_at, report.slot_at);
+        assert_eq!(way, (ms(85), ms(90), ms(100)));
     }
 
     #[test]

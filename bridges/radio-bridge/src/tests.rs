@@ -36,6 +36,7 @@ fn command(vehicle: u8, epoch: u32, now: Time) -> VehicleCommand {
         mode: CommandMode::Fly,
         lease_epoch: epoch,
         valid_until: now + Span::from_millis(60),
+        frame_received_at: now,
         collective_m_s2: 9.81,
         rate_rad_s: Vector::new(0.1, 0.2, 0.3),
         orientation: Rotation::IDENTITY,

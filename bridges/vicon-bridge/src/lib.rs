@@ -98,6 +98,16 @@ struct Track {
     reported_at: Time,
 }
 
+/// When the first datagram of a frame came.
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    at: Time,
+    /// From the exposure until then: as the server stamped it, or as it is set.
+    latency: Span,
+    /// Had the frame taken as long as is set. The clock fits these, and takes the setting off again.
+    fitted_at: Time,
+}
+
 /// How the stream fares as a whole.
 #[derive(Clone, Copy, Debug)]
 struct Stream {
@@ -241,18 +251,16 @@ impl ViconBridge {
     /// Takes in what a datagram that arrived at `arrived` shows.
     fn expose(&mut self, now: Time, arrived: Time, exposure: &Exposure, out: &mut Outbox<Output>) {
         self.hear(now, out);
-        // The clock takes off the common latency again.
-        let departed = match exposure.latency {
-            Some(latency) => (arrived - latency).saturating_add(self.latency),
-            None => arrived,
-        };
+        let latency = exposure.latency.unwrap_or(self.latency);
+        let arrival =
+            Arrival { at: arrived, latency, fitted_at: (arrived - latency).saturating_add(self.latency) };
         match self.counter.sight(exposure.number, arrived) {
-            Numbering::New(frame) => self.begin(now, frame, arrived, departed, out),
+            Numbering::New(frame) => self.begin(now, frame, arrival, out),
             Numbering::Restarted(frame) => {
                 self.clock.restart();
                 let detail = format!("frame numbers run on from {}", exposure.number);
                 out.event(now, Severity::Warning, 0, "vicon-restarted", &detail);
-                self.begin(now, frame, arrived, departed, out);
+                self.begin(now, frame, arrival, out);
             }
             Numbering::Same => self.watch_freeze(now, exposure.number, out),
             Numbering::Late => {
@@ -289,9 +297,9 @@ impl ViconBridge {
     }
 
     /// Begins a frame; the one before has had its time.
-    fn begin(&mut self, now: Time, frame: u64, arrived: Time, departed: Time, out: &mut Outbox<Output>) {
+    fn begin(&mut self, now: Time, frame: u64, arrival: Arrival, out: &mut Outbox<Output>) {
         self.close(out);
-        if self.clock.observe(frame, departed) == Rhythm::Broken {
+        if self.clock.observe(frame, arrival.fitted_at) == Rhythm::Broken {
             self.counters.clock_breaks += 1;
             let detail = || format!("arrivals from frame {frame} on do not fit those before");
             self.reports.warn(now, 0, "frame-rhythm-changed", detail, out);
@@ -301,9 +309,10 @@ impl ViconBridge {
             self.stream.frozen = false;
             out.event(now, Severity::Info, 0, "frame-number-advances", &format!("again, with frame {frame}"));
         }
-        let message = MocapFrame { frame, received_at: arrived, ..MocapFrame::default() };
+        let (received_at, latency_s) = (arrival.at, arrival.latency.as_secs_f64());
+        let message = MocapFrame { frame, received_at, latency_s, ..MocapFrame::default() };
         let close_at = now.saturating_add(self.merge);
-        self.open = Some(OpenFrame { message, first_at: departed, close_at, reported: 0 });
+        self.open = Some(OpenFrame { message, first_at: arrival.fitted_at, close_at, reported: 0 });
     }
 
     /// Publishes the open frame, if there is one.

@@ -63,7 +63,6 @@ const REPORT_PERIOD: Span = Span::from_secs(1);
 #[derive(Debug)]
 pub struct Estimator {
     vehicles: Vec<(u8, VehicleEstimator)>,
-    latency: Span,
     stamp_tolerance: Span,
     report_at: Time,
     mistimed: u32,
@@ -79,8 +78,6 @@ impl Core for Estimator {
 
     fn new(arena: &Arena, tuning: Tuning, start: Start) -> Result<Self, ConfigError> {
         tuning.check()?;
-        // One camera system, one latency: the bridge stamps whole frames.
-        let latency_s = arena.fleet.first().map_or(0.0, |member| member.vehicle.links.mocap_latency_s);
         let vehicles = arena
             .fleet
             .iter()
@@ -91,7 +88,6 @@ impl Core for Estimator {
             .collect();
         Ok(Self {
             vehicles,
-            latency: Span::from_secs_f64(latency_s),
             stamp_tolerance: Span::from_secs_f64(tuning.timing.stamp_tolerance_s),
             report_at: start.at,
             mistimed: 0,
@@ -136,7 +132,7 @@ impl Estimator {
         let age = frame.received_at.min(now) - frame.exposed_at;
         // A frame's stamp comes from its number. Where the numbers slip, stamps are wrong until the bridge
         // has found the new rhythm, and a wrong stamp is a wrong velocity: better none.
-        if (age - self.latency).abs() > self.stamp_tolerance {
+        if (age - Span::from_secs_f64(frame.latency_s)).abs() > self.stamp_tolerance {
             self.mistimed += 1;
             if now >= self.report_at {
                 let detail = format!("{age} old on arrival; {} such since the last report", self.mistimed);
@@ -163,7 +159,7 @@ impl Estimator {
                 let others = self.neighbours.iter().enumerate().filter(|(other, _)| *other != index);
                 self.others.extend(others.filter_map(|(_, neighbour)| *neighbour));
             }
-            self.vehicles[index].1.pose(now, frame.exposed_at, body, &self.others, out);
+            self.vehicles[index].1.pose(now, frame, body, &self.others, out);
         }
     }
 }

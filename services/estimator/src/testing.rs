@@ -233,6 +233,7 @@ impl Loop {
             frame: 0,
             exposed_at: self.now + self.stamp_error,
             received_at: arrives_at,
+            latency_s: self.mocap_latency.as_secs_f64(),
             bodies: bodies.try_into().expect("one body fits"),
         };
         self.frames.push_back((arrives_at, frame));

@@ -333,6 +333,7 @@ fn frames_twice_late_or_disordered_change_nothing() {
         frame: k as u64,
         exposed_at: Time::from_nanos(1_000_000_000 + 5_000_000 * k),
         received_at: Time::from_nanos(1_010_000_000 + 5_000_000 * k),
+        latency_s: 0.01,
         bodies: vec![body(k)].try_into().expect("one body fits"),
     };
     let run = |order: &[i64]| -> Vec<VehicleState> {
@@ -380,6 +381,7 @@ fn swapped_markers_mislead_nobody() {
             let frame = MocapFrame {
                 exposed_at,
                 received_at: exposed_at + Span::from_millis(10),
+                latency_s: 0.01,
                 bodies,
                 ..MocapFrame::default()
             };
@@ -437,6 +439,7 @@ fn a_parked_vehicle_is_tracked_and_winds_nothing_up() {
         let frame = MocapFrame {
             exposed_at,
             received_at: exposed_at + Span::from_millis(10),
+            latency_s: 0.01,
             bodies: vec![body].try_into().expect("one body fits"),
             ..MocapFrame::default()
         };

@@ -1,7 +1,7 @@
 //! Everything the estimator knows of one vehicle.
 
 use quantity::{Rotation, Span, Time};
-use schemas::{CommandSent, MocapBody, Severity, Tracking, VehicleState, VehicleTelemetry};
+use schemas::{CommandSent, MocapBody, MocapFrame, Severity, Tracking, VehicleState, VehicleTelemetry};
 use service_core::Outbox;
 use settings::{Arena, Vehicle};
 
@@ -138,16 +138,18 @@ impl VehicleEstimator {
     pub fn pose(
         &mut self,
         now: Time,
-        exposed_at: Time,
+        frame: &MocapFrame,
         body: &MocapBody,
         neighbours: &[Neighbour],
         out: &mut Outbox<Output>,
     ) {
+        let exposed_at = frame.exposed_at;
         // One pose for each exposure, in order: what comes late or twice says nothing new.
         if self.seen_at.is_some_and(|seen_at| exposed_at <= seen_at) {
             return;
         }
         self.seen_at = Some(exposed_at);
+        self.state.frame_received_at = frame.received_at;
         let q = body.orientation;
         let Some(orientation) = Rotation::from_components(q.w, q.x, q.y, q.z) else {
             self.refuse(now, Refusal::Absurd, out);

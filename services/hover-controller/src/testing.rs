@@ -308,6 +308,7 @@ impl Loop {
             tracking: Tracking::Tracking,
             accepted_frames: self.accepted_frames,
             estimated_for: self.now,
+            frame_received_at: self.now,
             estimate: noisy(&self.craft.truth, &mut self.dice),
             predicted_for,
             prediction: noisy(&ahead.truth, &mut self.dice),

@@ -56,6 +56,8 @@ pub(crate) struct VehicleController {
     reckoning: Option<DeadReckoning>,
     recovering: bool,
     stepped_at: Time,
+    /// The newest of the states that commands rest on.
+    frame_received_at: Time,
     blind_at: Option<Time>,
 }
 
@@ -83,6 +85,7 @@ impl VehicleController {
             reckoning: None,
             recovering: false,
             stepped_at: now,
+            frame_received_at: Time::ZERO,
             blind_at: None,
             tuning: tuning.clone(),
         }
@@ -128,6 +131,7 @@ impl VehicleController {
             self.phase = Phase::Unknown;
         }
         self.note_trust(now, Trust::State, out);
+        self.frame_received_at = state.frame_received_at;
         let span_s = (now - self.stepped_at).as_secs_f64().clamp(0.0, STEP_S_MAX);
         self.stepped_at = now;
         let k = &state.prediction;
@@ -382,6 +386,7 @@ impl VehicleController {
             mode: ask.mode,
             lease_epoch: self.lease_epoch,
             valid_until,
+            frame_received_at: self.frame_received_at,
             collective_m_s2: ask.collective_m_s2,
             rate_rad_s: ask.rate_rad_s,
             orientation,

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -16,8 +16,8 @@ use serde::Serialize;
 use service_core::Observer;
 use service_shell::clock;
 
-use super::Failure;
 use super::listening::{Place, Stretch, address, go_through, listen, parse_seconds};
+use super::{Failure, budget};
 
 /// How often the figures of a live topic are printed.
 const PRINT_PERIOD: Span = Span::from_secs(1);
@@ -30,7 +30,12 @@ const WINDOW_MAX: u64 = 10_000_000;
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// A topic.
-    topic: String,
+    #[arg(required_unless_present = "budget")]
+    topic: Option<String>,
+    /// Show the latency budget instead: from the cameras' datagram to the radio's frame, and hop by hop. Live, or of
+    /// the recording named in the topic's place.
+    #[arg(long, conflicts_with_all = ["file", "window", "count", "vehicle"])]
+    budget: bool,
     /// A recording; the live bus if none is named.
     file: Option<PathBuf>,
     /// Figures of the newest N messages [default: 1000 of a live topic, all of a recorded one].
@@ -52,6 +57,13 @@ pub struct Arguments {
     stretch: Stretch,
     #[command(flatten)]
     place: Place,
+}
+
+impl Arguments {
+    /// The topic; only a budget is asked for without one.
+    fn topic(&self) -> &str {
+        self.topic.as_deref().unwrap_or_default()
+    }
 }
 
 /// Whose messages: a sender's on one vehicle.
@@ -95,7 +107,7 @@ impl Meter<'_> {
         for ((source, vehicle), rates) in &self.rates {
             let Some(figures) = rates.figures() else { continue };
             let answer = Answer {
-                topic: self.arguments.topic.clone(),
+                topic: self.arguments.topic().to_owned(),
                 source: source.map(name_of_source),
                 vehicle: *vehicle,
                 figures,
@@ -136,6 +148,10 @@ impl Answer {
 
 /// Runs the command: exit code 1 where fewer than two messages came.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    if arguments.budget {
+        let Arguments { topic: file, duration, json, stretch, place, .. } = arguments;
+        return budget::run(file.as_deref().map(Path::new), *duration, *json, stretch, place);
+    }
     let window = arguments.window.map(|window| window as usize);
     match &arguments.file {
         Some(file) => of_file(arguments, &Recording::open(file)?, window),
@@ -144,7 +160,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 }
 
 fn of_file(arguments: &Arguments, recording: &Recording, window: Option<usize>) -> Result<ExitCode, Failure> {
-    let topic = address(recording, &arguments.topic)?;
+    let topic = address(recording, arguments.topic())?;
     if let Some(field) = topic.field {
         return Err(Failure::Usage(format!("{field}: a rate is that of a whole topic")));
     }
@@ -171,7 +187,7 @@ fn live(arguments: &Arguments, window: usize) -> Result<ExitCode, Failure> {
     arguments.stretch.refuse_live()?;
     let setup = arguments.place.setup()?;
     let mut meter = Meter { arguments, window, rates: BTreeMap::new(), messages: 0 };
-    let topic = arguments.topic.clone();
+    let topic = arguments.topic().to_owned();
     let mut print_at = clock::now() + PRINT_PERIOD;
     let ear = listen(
         &setup,
@@ -182,13 +198,13 @@ fn live(arguments: &Arguments, window: usize) -> Result<ExitCode, Failure> {
             Tick::Now(now, observer) => {
                 if now >= print_at {
                     print_at = now + PRINT_PERIOD;
-                    meter.print(&lost_by_source(&arguments.topic, observer))?;
+                    meter.print(&lost_by_source(arguments.topic(), observer))?;
                 }
                 Ok(ControlFlow::Continue(()))
             }
         },
     )?;
-    meter.print(&lost_by_source(&arguments.topic, ear.observer()))?;
+    meter.print(&lost_by_source(arguments.topic(), ear.observer()))?;
     Ok(if meter.messages < 2 { too_few(arguments, meter.messages) } else { ExitCode::SUCCESS })
 }
 
@@ -203,6 +219,6 @@ fn lost_by_source(topic: &str, observer: &Observer) -> BTreeMap<Option<u32>, u64
 }
 
 fn too_few(arguments: &Arguments, messages: u64) -> ExitCode {
-    eprintln!("{}: {messages} messages came, and a rate is that of two at least", arguments.topic);
+    eprintln!("{}: {messages} messages came, and a rate is that of two at least", arguments.topic());
     ExitCode::FAILURE
 }

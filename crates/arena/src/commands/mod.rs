@@ -1,5 +1,6 @@
 //! What the front door does: one module per command.
 
+mod budget;
 mod cut;
 mod echo;
 mod export;

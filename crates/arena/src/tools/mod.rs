@@ -1,5 +1,6 @@
 //! Looking at messages, of a live arena and of recordings alike, by the definitions that come with them.
 
+pub mod budget;
 mod live;
 pub mod rates;
 mod requests;

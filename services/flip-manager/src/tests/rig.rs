@@ -214,7 +214,8 @@ impl Rig {
             };
             let exposed_at = self.now - Span::from_millis(10);
             let bodies = vec![body].try_into().expect("one body fits");
-            self.hear(MocapFrame { frame: self.step, exposed_at, received_at: self.now, bodies });
+            let (frame, received_at) = (self.step, self.now);
+            self.hear(MocapFrame { frame, exposed_at, received_at, latency_s: 0.01, bodies });
             self.hear(self.state());
         }
         if self.step.is_multiple_of(4) && !self.faults.mute {
