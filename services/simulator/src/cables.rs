@@ -32,7 +32,7 @@ enum By {
     /// Datagrams to one address.
     Sender(UdpSocket),
     /// Datagrams from anybody; answers go to whoever spoke last.
-    Server { socket: DatagramSocket, sender: UdpSocket, peer: Option<SocketAddrV4> },
+    Server { socket: Box<DatagramSocket>, sender: UdpSocket, peer: Option<SocketAddrV4> },
     /// The far end of a pseudo terminal.
     Pty(PseudoTerminal),
 }
@@ -170,7 +170,7 @@ fn at(key: &str, url: &DeviceUrl) -> Result<By, ShellError> {
 fn serve(address: SocketAddrV4) -> Result<By, ShellError> {
     let socket = listen_udp(address)?;
     let sender = socket.sender().during(|| format!("opening udp {address}"))?;
-    Ok(By::Server { socket, sender, peer: None })
+    Ok(By::Server { socket: Box::new(socket), sender, peer: None })
 }
 
 fn misplaced(key: &str, url: &DeviceUrl) -> ShellError {

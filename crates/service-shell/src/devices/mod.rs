@@ -172,7 +172,7 @@ pub(crate) struct Receiver {
 
 /// What bytes come by.
 enum Source {
-    Socket(DatagramSocket),
+    Socket(Box<DatagramSocket>),
     Line { line: Rc<RefCell<Line>>, piece: Box<[u8]>, length: usize, at: Time },
 }
 
@@ -217,7 +217,7 @@ fn open_one(endpoint: &Endpoint) -> Result<(Cable, Option<Source>), ShellError> 
     if endpoint.receives.is_none() {
         return Ok((Cable::Socket(socket), None));
     }
-    let socket = DatagramSocket::new(socket, false).during(what)?;
+    let socket = Box::new(DatagramSocket::new(socket, false).during(what)?);
     Ok((Cable::Socket(socket.sender().during(what)?), Some(Source::Socket(socket))))
 }
 
