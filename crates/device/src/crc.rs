@@ -1,5 +1,5 @@
 //! Checks: over our own frames CRC-11 and CRC-10 for channels, CRC-16 for radio payloads, FNV-1a for parameter sets;
-//! over CRSF's frames its CRC-8.
+//! over CRSF's frames its CRC-8, over MAVLink's its CRC-16.
 
 /// CRC-11/UMTS (polynomial 0x307, initial value 0) over 11-bit words, most significant bit first.
 ///
@@ -42,6 +42,14 @@ pub(crate) fn crc16(bytes: &[u8]) -> u16 {
     })
 }
 
+/// CRC-16/MCRF4XX (polynomial 0x1021 reflected, initial value 0xFFFF).
+pub(crate) fn crc16_mcrf4xx<'b>(bytes: impl IntoIterator<Item = &'b u8>) -> u16 {
+    bytes.into_iter().fold(0xFFFF, |crc, byte| {
+        (0..8)
+            .fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 0 { crc >> 1 } else { (crc >> 1) ^ 0x8408 })
+    })
+}
+
 /// FNV-1a, 64 bits.
 pub(crate) fn fnv1a64(bytes: impl IntoIterator<Item = u8>) -> u64 {
     bytes.into_iter().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
@@ -61,6 +69,7 @@ mod tests {
         assert_eq!(bits.fold(0, crc10_bit), 0x199);
         assert_eq!(crc8(b"123456789"), 0xBC);
         assert_eq!(crc16(b"123456789"), 0x29B1);
+        assert_eq!(crc16_mcrf4xx(b"123456789"), 0x6F91);
         assert_eq!(fnv1a64(*b"foobar"), 0x8594_4171_F739_67E8);
     }
 

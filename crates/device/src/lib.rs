@@ -3,7 +3,8 @@
 //! *Vendors'* protocols are, for motion capture, [`vicon`] (Tracker's UDP object stream) and [`natnet`]
 //! (OptiTrack's frames and the questions that go with them); for radios [`xbee`] (the 802.15.4 radio's API
 //! frames), [`sbus`] (the hobby receiver's serial frames), [`crsf`] (those of Crossfire and ExpressLRS) and
-//! [`crtp`] (Crazyflie's packets). The bridges decode what the simulator encodes and the other way round, so
+//! [`crtp`] (Crazyflie's packets) and [`mavlink`] (PX4's and ArduPilot's; a codec that no bridge speaks yet).
+//! The bridges decode what the simulator encodes and the other way round, so
 //! each module has both halves, and each half is held by test vectors that do not come from the other, and by
 //! an independent implementation where there is one that can be linked.
 //!
@@ -22,6 +23,7 @@ mod channels;
 mod crc;
 pub mod crsf;
 pub mod crtp;
+pub mod mavlink;
 pub mod natnet;
 pub mod sbus;
 pub mod vehicle_link;

@@ -215,9 +215,12 @@ mod tests {
     }
 
     #[test]
-    fn six_objects_fit_the_usual_datagram() {
-        assert!(encoded(1, &[QUAD; OBJECTS_PER_512_BYTES]).len() <= 512);
-        assert!(encoded(1, &[QUAD; OBJECTS_PER_512_BYTES + 1]).len() > 512);
+    fn so_many_objects_fit_a_block_and_no_more() {
+        for (block, objects) in [(256, 3), (512, OBJECTS_PER_512_BYTES), (1024, 13)] {
+            assert!(encoded(1, &[QUAD; 14][..objects]).len() <= block);
+            assert!(5 + 75 * (objects + 1) > block);
+        }
+        assert_eq!(encoded(1, &[QUAD; 2]).len(), 5 + 75 * 2);
     }
 
     #[test]

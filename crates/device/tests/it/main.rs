@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
 
 mod crsf;
+mod mavlink;
 mod natnet;
 mod natnet_descriptions;
 mod random;

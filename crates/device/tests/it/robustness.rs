@@ -2,10 +2,14 @@
 
 use device::crsf::{self, LinkStatistics, Route, TimingCorrection};
 use device::crtp::{self, ExternalPose, Packet, Setpoint, Supervisor};
+use device::mavlink::{
+    self, AttitudeTarget, ChannelsOverride, Header, Heartbeat, Key, ManualControl, Message, ParamId,
+    ParamSet, ParamValue, Signer, TimeSync, Timestamp,
+};
 use device::natnet::{
     self, FrameHead, Request, RigidBody, RigidBodyName, SERVER_INFO_BYTES, ServerInfo, Timing, Version,
 };
-use device::vehicle_link::{CommandFrame, Uplink};
+use device::vehicle_link::{CommandFrame, Downlink, FlipSet, Status, Uplink, UploadReply};
 use device::{sbus, vicon, xbee};
 
 use crate::random::Random;
@@ -84,12 +88,51 @@ fn crtp_vectors(vectors: &mut Vec<Vec<u8>>) {
     }
 }
 
+fn mavlink_vectors(vectors: &mut Vec<Vec<u8>>) {
+    let id = ParamId::new(b"FLIP_T1").unwrap();
+    let mut signer = Signer::new(Key::new([7; 32]), 1);
+    let header = Header { sequence: 3, system: 255, component: 190 };
+    let rates = AttitudeTarget::rates(quantity::Vector::new(1.0, 2.0, 3.0), 0.5);
+    let mut line = Vec::new();
+    for message in [
+        Message::Heartbeat(Heartbeat::GROUND_STATION),
+        Message::ParamSet(ParamSet { value_bits: 1.5f32.to_bits(), id, kind: 9, ..ParamSet::default() }),
+        Message::ParamValue(ParamValue { count: 10, id, kind: 6, ..ParamValue::default() }),
+        Message::ManualControl(ManualControl { z: 500, target_system: 1, ..ManualControl::default() }),
+        Message::ChannelsOverride(ChannelsOverride { channels_us: [1500; 18], ..Default::default() }),
+        Message::SetAttitudeTarget(rates),
+        Message::TimeSync(TimeSync { asked_ns: 7, ..TimeSync::default() }),
+        Message::Other { id: 331, payload: &[0xFD; 233] },
+    ] {
+        let mut payload = [0; mavlink::PAYLOAD_BYTES_MAX];
+        let frame = message.frame(header, &mut payload).unwrap();
+        vectors.push(written(mavlink::FRAME_BYTES_MAX, |out| frame.encode(out).unwrap()));
+        line.extend(vectors.last().unwrap());
+        let signed = frame.signed(&mut signer, Timestamp::new(9).unwrap()).unwrap();
+        line.extend(written(mavlink::FRAME_BYTES_MAX, |out| signed.encode(out).unwrap()));
+    }
+    vectors.push(line);
+}
+
+fn link_vectors(vectors: &mut Vec<Vec<u8>>) {
+    for message in Uplink::upload(7, &FlipSet::default()) {
+        vectors.push(written(100, |out| message.encode(3, out).unwrap()));
+    }
+    for message in [Downlink::Status(Status::default()), Downlink::UploadReply(UploadReply::default())] {
+        vectors.push(written(100, |out| message.encode(3, out).unwrap()));
+    }
+    let channels = CommandFrame::default().encode(3).unwrap();
+    vectors.push(channels.iter().flat_map(|channel| channel.to_le_bytes()).collect());
+}
+
 /// One message of every kind at least.
 fn vectors() -> Vec<Vec<u8>> {
     let mut vectors = Vec::new();
     natnet_vectors(&mut vectors);
     radio_vectors(&mut vectors);
     crtp_vectors(&mut vectors);
+    mavlink_vectors(&mut vectors);
+    link_vectors(&mut vectors);
     let object = vicon::Object { name: b"quad1", translation_mm: [1.0; 3], rotation_rad: [0.1; 3] };
     vectors.push(written(512, |out| vicon::encode(1, &[object; 3], out).unwrap()));
     vectors
