@@ -2,11 +2,11 @@
 //!
 //! *Vendors'* protocols are, for motion capture, [`vicon`] (Tracker's UDP object stream) and [`natnet`]
 //! (OptiTrack's frames and the questions that go with them); for radios [`xbee`] (the 802.15.4 radio's API
-//! frames), [`sbus`] (the hobby receiver's serial frames), [`crsf`] (those of Crossfire and ExpressLRS) and
-//! [`crtp`] (Crazyflie's packets) and [`mavlink`] (PX4's and ArduPilot's; a codec that no bridge speaks yet).
-//! The bridges decode what the simulator encodes and the other way round, so
-//! each module has both halves, and each half is held by test vectors that do not come from the other, and by
-//! an independent implementation where there is one that can be linked.
+//! frames), [`sbus`] (the hobby receiver's serial frames), [`crsf`] (those of Crossfire and ExpressLRS),
+//! [`crtp`] (Crazyflie's packets) and [`mavlink`] (PX4's and ArduPilot's frames; a codec that no bridge speaks
+//! yet). The bridges decode what the simulator encodes and the other way round, so each module has both
+//! halves, and each half is held by test vectors that do not come from the other, and by an independent
+//! implementation where there is one that can be linked.
 //!
 //! *Ours* is [`vehicle_link`]: what travels inside the channels of an SBUS or a CRSF frame and inside a
 //! radio's payload between the radio bridge and the vehicle's firmware. It lives here because both ends of a

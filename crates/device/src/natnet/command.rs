@@ -35,7 +35,8 @@ const CONNECT_GREETING: &[u8] = b"Ping";
 /// | 2, 1, 4 | u16 data port, multicast or not, group |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ServerInfo<'a> {
-    /// The program's name without its padding, commonly `Motive`; at most [`NAME_BYTES_MAX`].
+    /// The program's name without its padding, commonly `Motive`; at most [`NAME_BYTES_MAX`], or one more of a
+    /// server that leaves no room for a NUL.
     pub name: &'a [u8],
     /// The program's version: major, minor, build, revision.
     pub program_version: [u8; 4],

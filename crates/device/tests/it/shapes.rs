@@ -132,8 +132,11 @@ fn natnet_model_definition(version: Version, bytes: &[u8]) {
 fn natnet_command(bytes: &[u8]) {
     if let Ok(info) = ServerInfo::decode(bytes) {
         let _ = Version::from_bytes(info.natnet_version);
-        let again = written(bytes.len(), |out| info.encode(out));
-        assert_eq!(ServerInfo::decode(&again), Ok(info));
+        // A name that fills its field is read, and not written: ours end in a NUL.
+        if info.name.len() <= natnet::NAME_BYTES_MAX {
+            let again = written(bytes.len(), |out| info.encode(out));
+            assert_eq!(ServerInfo::decode(&again), Ok(info));
+        }
     }
     if let Ok(request) = Request::decode(bytes) {
         let again = written(bytes.len(), |out| request.encode(out));

@@ -1,0 +1,10 @@
+//! libFuzzer's way into [`shapes::vehicle_link`].
+
+#![no_main]
+#![allow(missing_docs, reason = "the macro writes an entry point for libFuzzer, nobody else")]
+
+#[path = "../../crates/device/tests/it/shapes.rs"]
+#[allow(dead_code, reason = "each of the binaries uses one of them")]
+mod shapes;
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| shapes::vehicle_link(input));
