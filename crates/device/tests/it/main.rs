@@ -8,4 +8,5 @@ mod natnet;
 mod natnet_descriptions;
 mod random;
 mod robustness;
+mod sbus;
 mod shapes;
