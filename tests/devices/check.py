@@ -133,7 +133,7 @@ def check_sbus(told):
         if tx["port"] & 0xFF00 != COMMAND_LINK:
             continue
         channels = SbusDecoder(bytes(tx["bytes"])).chans
-        assert crc11(channels[:15]) == channels[15] and channels[14] == 1, channels
+        assert crc11(channels[:15]) == channels[15] and channels[14] == 2, channels
         vehicle = tx["port"] & 0xFF
         assert channels[9] == vehicle
         body = sent.get((vehicle, nanos(tx["at"])))

@@ -10,7 +10,7 @@ use device::crtp::{self, Packet};
 use device::mavlink;
 use device::natnet::{ModelDefinition, Request, ServerInfo, Version, message_number};
 use device::sbus::{self, FrameFinder};
-use device::vehicle_link::{CommandFrame, Downlink, PAYLOAD_BYTES_MAX, Uplink};
+use device::vehicle_link::{ChannelMap, CommandFrame, Downlink, LINK_VERSION, PAYLOAD_BYTES_MAX, Uplink};
 use device::xbee::{self, ApiMode};
 use device::{natnet, vicon};
 
@@ -334,19 +334,46 @@ pub fn vehicle_link(bytes: &[u8]) {
     for (channel, pair) in channels.iter_mut().zip(bytes.chunks_exact(2)) {
         *channel = u16::from_le_bytes([pair[0], pair[1]]);
     }
-    command(&channels);
+    let vehicle = bytes.last().copied().unwrap_or_default();
+    for map in [ChannelMap::Full, ChannelMap::Compact] {
+        command(map, &channels, vehicle);
+        command(map, &channels.map(|channel| channel & 0x7FF), vehicle);
+        let in_order = match map {
+            ChannelMap::Full => full_in_order(channels),
+            ChannelMap::Compact => compact_in_order(channels, vehicle),
+        };
+        assert!(command(map, &in_order, vehicle), "a frame with all in order is refused: {in_order:?}");
+    }
+}
+
+/// A check over the lower bits of words, most significant bit first.
+fn crc_of_words(words: &[u16], bits: u16, polynomial: u16) -> u16 {
+    words.iter().flat_map(|word| (0..bits).rev().map(move |bit| (word >> bit) & 1)).fold(0, |crc, bit| {
+        let shifted = (crc << 1) & ((1 << bits) - 1);
+        if ((crc >> (bits - 1)) ^ bit) & 1 == 1 { shifted ^ polynomial } else { shifted }
+    })
+}
+
+/// Channels of eleven bits with fields in their ranges and the right check.
+fn full_in_order(channels: [u16; 16]) -> [u16; 16] {
     let mut channels = channels.map(|channel| channel & 0x7FF);
-    command(&channels);
-    channels[9..12].iter_mut().for_each(|channel| *channel &= 0xFF);
-    (channels[11], channels[14]) = (channels[11] & 1, 1);
-    channels[15] = channels[..15]
-        .iter()
-        .flat_map(|word| (0..11).rev().map(move |bit| (word >> bit) & 1))
-        .fold(0, |crc: u16, bit| match ((crc >> 10) ^ bit) & 1 {
-            1 => ((crc << 1) & 0x7FF) ^ 0x307,
-            _ => (crc << 1) & 0x7FF,
-        });
-    assert!(command(&channels), "a frame with all in order is refused: {channels:?}");
+    channels[9..11].iter_mut().for_each(|channel| *channel &= 0xFF);
+    (channels[11], channels[14]) = (channels[11] & 3, LINK_VERSION);
+    channels[15] = crc_of_words(&channels[..15], 11, 0x307);
+    channels
+}
+
+/// Channels as ExpressLRS leaves them with fields that agree and the right check.
+fn compact_in_order(channels: [u16; 16], vehicle: u8) -> [u16; 16] {
+    let mut channels = channels.map(|channel| channel & 0x7FF);
+    let state = channels[7] / 2 & !3 | u16::from(vehicle & 3);
+    let armed = matches!(state / 256, 1 | 2);
+    channels[4] = if armed { 1811 } else { 172 };
+    channels[7] = 2 * state;
+    let [a, b, c, d, e, f, g] = [0, 1, 2, 3, 5, 6, 7].map(|channel| channels[channel] / 2);
+    let words = [u16::from(vehicle), u16::from(armed), a, b, c, d, e, f, g];
+    channels[8] = 2 * crc_of_words(&words, 10, 0x233);
+    channels
 }
 
 /// There is one way to write each message, so what was read is written as it was, to the bit.
@@ -360,9 +387,9 @@ fn link_payload(bytes: &[u8]) {
 }
 
 /// Whether these channels are a command.
-fn command(channels: &[u16; 16]) -> bool {
-    let Ok((vehicle, frame)) = CommandFrame::decode(channels) else { return false };
-    let again = frame.encode(vehicle).expect("what was read can be written");
-    assert_eq!(CommandFrame::decode(&again), Ok((vehicle, frame)));
+fn command(map: ChannelMap, channels: &[u16; 16], vehicle: u8) -> bool {
+    let Ok((vehicle, frame)) = map.decode(channels, vehicle) else { return false };
+    let again = map.encode(&frame, vehicle).expect("what was read can be written");
+    assert_eq!(map.decode(&again, vehicle), Ok((vehicle, frame)));
     true
 }
