@@ -10,3 +10,5 @@ mod network;
 mod services;
 /// A person presses the emergency stop.
 mod stop;
+/// Sets for the vehicle on a link that loses, bends, doubles and shuffles.
+mod uploads;

@@ -61,10 +61,10 @@ impl Way {
     }
 
     /// Sends a payload; answers whether it will arrive. Payloads may overtake each other: radios retry.
-    fn send(&mut self, now: Time, data: &[u8], extra_loss_ratio: f64) -> bool {
+    fn send(&mut self, now: Time, data: &[u8], trouble: Trouble) -> bool {
         self.counts.sent += 1;
         let delay = self.delay();
-        let lost = self.stream.chance(self.settings.loss_ratio.max(extra_loss_ratio));
+        let lost = self.stream.chance(self.settings.loss_ratio.max(trouble.loss_ratio));
         let corrupted = self.stream.chance(self.settings.corruption_ratio);
         let payload = Payload::new(data).filter(|_| !lost && self.air.len() < UNDER_WAY_MAX);
         let Some(mut payload) = payload else {
@@ -76,8 +76,20 @@ impl Way {
             flip_bits(&mut self.stream, &mut payload.bytes[..payload.length]);
         }
         self.air.push(now + delay, payload);
+        // Without the fault nothing is drawn, so that the world stays as it was.
+        if trouble.duplicate_ratio > 0.0 && self.stream.chance(trouble.duplicate_ratio) {
+            let delay = self.delay();
+            self.air.push(now + delay, payload);
+        }
         true
     }
+}
+
+/// What faults add to one way of one vehicle's link.
+#[derive(Clone, Copy, Debug)]
+struct Trouble {
+    loss_ratio: f64,
+    duplicate_ratio: f64,
 }
 
 /// A vehicle's radio.
@@ -143,10 +155,14 @@ impl DataLink {
         };
         let source = address_of(&self.radios, vehicle, now, faults);
         let radio = &mut self.radios[index];
-        if !radio.down.send(now, data, downlink_loss(vehicle, now, faults)) {
+        let trouble = Trouble {
+            loss_ratio: downlink_loss(vehicle, now, faults),
+            duplicate_ratio: duplication(vehicle, now, faults),
+        };
+        if !radio.down.send(now, data, trouble) {
             return;
         }
-        if let Some((at, payload)) = radio.down.air.pop_due(Time::FAR_FUTURE) {
+        while let Some((at, payload)) = radio.down.air.pop_due(Time::FAR_FUTURE) {
             radio.down.counts.delivered += 1;
             write(Frame::Receive16 { source, rssi: RSSI, options: 0, data: payload.as_slice() }, at, outputs);
         }
@@ -196,7 +212,11 @@ fn transmit(
                 continue;
             }
             let up = &mut radios[index].up;
-            let arrives = up.send(now, data, uplink_loss(vehicle, now, faults));
+            let trouble = Trouble {
+                loss_ratio: uplink_loss(vehicle, now, faults),
+                duplicate_ratio: duplication(vehicle, now, faults),
+            };
+            let arrives = up.send(now, data, trouble);
             let ack_loss = up.settings.loss_ratio.max(downlink_loss(vehicle, now, faults));
             let acknowledged = !up.stream.chance(ack_loss) && arrives;
             status_at = now + up.delay();
@@ -230,6 +250,15 @@ fn uplink_loss(vehicle: u8, now: Time, faults: &Schedule) -> f64 {
     faults.at(now).fold(0.0, |loss: f64, fault| match fault {
         Fault::DataLoss { vehicle: of, loss_ratio } if of == vehicle => loss.max(loss_ratio),
         _ => loss,
+    })
+}
+
+fn duplication(vehicle: u8, now: Time, faults: &Schedule) -> f64 {
+    faults.at(now).fold(0.0, |ratio: f64, fault| match fault {
+        Fault::DataDuplication { vehicle: of, duplicate_ratio } if of == vehicle => {
+            ratio.max(duplicate_ratio)
+        }
+        _ => ratio,
     })
 }
 
@@ -382,6 +411,20 @@ mod tests {
         assert_eq!((bench.arrivals(1).len(), bench.arrivals(2).len()), (1, 0));
         bench.link.send_down(1, Time::ZERO, b"from two", &bench.faults, &mut bench.outputs);
         assert_eq!(bench.read().1, [(0x5003, b"from two".to_vec())]);
+    }
+
+    #[test]
+    fn doubled_payloads_come_twice_each_way() {
+        let mut bench = Bench::new(perfect);
+        let twice = Fault::DataDuplication { vehicle: 1, duplicate_ratio: 1.0 };
+        bench.faults.add(twice, Time::ZERO, Time::FAR_FUTURE);
+        bench.transmit(Time::ZERO, 0x5001, 0, b"x");
+        bench.link.send_down(0, Time::ZERO, b"y", &bench.faults, &mut bench.outputs);
+        bench.link.send_down(1, Time::ZERO, b"z", &bench.faults, &mut bench.outputs);
+        assert_eq!(bench.arrivals(0).len(), 2);
+        let (_, mut received) = bench.read();
+        received.sort();
+        assert_eq!(received, [(0x5001, b"y".to_vec()), (0x5001, b"y".to_vec()), (0x5002, b"z".to_vec())]);
     }
 
     #[test]

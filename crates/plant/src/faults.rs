@@ -106,6 +106,14 @@ pub enum Fault {
         /// That many; one for silence.
         loss_ratio: f64,
     },
+    /// The data link brings frames twice, the second some other delay after they were sent: a radio that missed
+    /// an acknowledgement repeats.
+    DataDuplication {
+        /// Which vehicle's.
+        vehicle: u8,
+        /// That many, each way.
+        duplicate_ratio: f64,
+    },
     /// Two vehicles' data-link radios answer to each other's address.
     SwappedAddresses {
         /// One.
