@@ -4,7 +4,7 @@
 //! The vehicle hovers, real but for its flip manager. In that one's place an [`Orderer`] uploads one set after another
 //! and orders starts, right and wrong ones; what begins is ended at once.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::thread;
 
 use device::vehicle_link::{FLIP_SET_LEN, FlipSet, ManeuverPhase as LinkPhase, digest_of};
@@ -223,6 +223,21 @@ fn message_of(set_id: u16, items: &[f32; FLIP_SET_LEN]) -> ManeuverUpload {
     }
 }
 
+fn items_of(upload: &ManeuverUpload) -> [f32; FLIP_SET_LEN] {
+    [
+        upload.u1_m_s2,
+        upload.t1_s,
+        upload.t3_s,
+        upload.u5_m_s2,
+        upload.t5_s,
+        upload.rate_rad_s_max,
+        upload.envelope_low_m_s2,
+        upload.envelope_high_m_s2,
+        upload.lever_m,
+        f32::from(upload.flips),
+    ]
+}
+
 /// How bad the link is.
 #[derive(Clone, Copy, Debug)]
 struct Weather {
@@ -257,8 +272,8 @@ impl Seen {
 /// Who watches.
 #[derive(Default)]
 struct Watch {
-    /// Every set that was ever given to the bridge.
-    uploaded: BTreeSet<(u16, u64)>,
+    /// Every set that was ever given to the bridge, with the bits of its items.
+    uploaded: BTreeMap<(u16, u64), [u32; FLIP_SET_LEN]>,
     /// The newest, since when, until it is reported.
     open: Option<(u16, u64, Time)>,
     newest: (u16, u64),
@@ -272,7 +287,7 @@ impl Watch {
     fn hear(&mut self, heard: &Heard<'_>) {
         if let Some(upload) = message::<ManeuverUpload>(heard, &topics::MANEUVER_UPLOAD) {
             let pair = (upload.set_id, upload.digest);
-            if self.uploaded.insert(pair) {
+            if self.uploaded.insert(pair, items_of(&upload).map(f32::to_bits)).is_none() {
                 self.before = std::mem::replace(&mut self.newest, pair);
                 self.open = Some((pair.0, pair.1, heard.at));
             }
@@ -304,9 +319,14 @@ impl Watch {
 
     /// Holds what the vehicle truly does against what was ordered.
     fn judge(&mut self, flying: &VirtualArena<'_>) {
-        let status = flying.plant().firmware(1).unwrap().status(flying.now());
+        let firmware = flying.plant().firmware(1).unwrap();
+        let status = firmware.status(flying.now());
         let active = (status.set_id, status.set_digest);
-        assert!(active == (0, 0) || self.uploaded.contains(&active), "active: {active:?}, never uploaded");
+        if let Some((id, items)) = firmware.active_set() {
+            let uploaded = self.uploaded.get(&active).expect("an active set was uploaded once");
+            let bits = items.iter().map(|item| item.to_bits());
+            assert!(id == active.0 && bits.eq(*uploaded), "{active:?} stands for {items:?}");
+        }
         let begun = !matches!(status.maneuver_phase, LinkPhase::None | LinkPhase::Refused);
         if !begun || status.maneuver_id == self.judged {
             return;

@@ -441,6 +441,12 @@ impl Firmware {
         self.telemetry.poll(now, status)?.encode(self.settings.vehicle, out).ok()
     }
 
+    /// Identity and items of the active set: what a maneuver that begins now flies.
+    #[must_use]
+    pub fn active_set(&self) -> Option<(u16, &[f32])> {
+        self.store.active().map(|set| (set.id, set.items()))
+    }
+
     /// The vehicle's report on itself at this moment.
     #[must_use]
     pub fn status(&self, now: Time) -> Status {
