@@ -366,7 +366,7 @@ fn full_in_order(channels: [u16; 16]) -> [u16; 16] {
 /// Channels as ExpressLRS leaves them with fields that agree and the right check.
 fn compact_in_order(channels: [u16; 16], vehicle: u8) -> [u16; 16] {
     let mut channels = channels.map(|channel| channel & 0x7FF);
-    let state = channels[7] / 2 & !3 | u16::from(vehicle & 3);
+    let state = ((channels[7] / 2) & !3) | u16::from(vehicle & 3);
     let armed = matches!(state / 256, 1 | 2);
     channels[4] = if armed { 1811 } else { 172 };
     channels[7] = 2 * state;
