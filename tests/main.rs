@@ -12,6 +12,8 @@ mod equipment;
 mod faults;
 /// Physics outcomes in the virtual arena.
 mod flights;
+/// Before real equipment.
+mod hardware;
 /// What hostile datagrams change: nothing but counters.
 mod hostile;
 /// Real processes on loopback multicast.

@@ -38,7 +38,8 @@ pub enum Line {
     Solve(solve::Arguments),
     /// Learn a scenario in virtual time: the whole arena, as fast as the machine allows.
     Learn(learn::Arguments),
-    /// Bring the simulated arena up on this machine: every service a process of its own, on loopback multicast.
+    /// Bring an arena up on this machine, every service a process of its own: simulated, or with --hardware before real
+    /// equipment.
     Up(up::Arguments),
     /// Record everything on the bus into an MCAP file.
     Record(record::Arguments),

@@ -5,6 +5,7 @@
 mod crsf;
 mod natnet;
 mod natnet_descriptions;
+mod page;
 mod random;
 mod robustness;
 mod shapes;
