@@ -38,7 +38,9 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 use service_core::Core;
 
 pub use bus::{BusReceiver, BusSender, endpoint};
-pub use datagrams::{Datagram, DatagramSocket, connect_udp, listen_udp, send_udp, stream_udp};
+pub use datagrams::{
+    Datagram, DatagramSocket, connect_udp, granted_receive_buffer, listen_udp, send_udp, stream_udp,
+};
 pub use devices::{Address, Endpoint, LineAddress, PseudoTerminal, endpoints};
 pub use error::{During, ShellError};
 pub use filter::Listen;

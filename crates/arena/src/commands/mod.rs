@@ -2,6 +2,7 @@
 
 mod budget;
 mod cut;
+mod doctor;
 mod echo;
 mod export;
 mod fly;
@@ -69,6 +70,8 @@ pub enum Line {
     Fly(fly::Arguments),
     /// Make what a run's programs share: a secret, the run's id, settings.
     Init(init::Arguments),
+    /// Look at what an arena needs of this host and its equipment, and say what to do about it.
+    Doctor(doctor::Arguments),
     /// Ask whether a service makes progress.
     Health(health::Arguments),
     /// Run one service, bridge or the simulator, as `arena up` does.
@@ -162,6 +165,7 @@ pub fn run(line: Line) -> Result<ExitCode, Failure> {
         Line::Verify(arguments) => verify::run(&arguments),
         Line::Fly(arguments) => fly::run(&arguments),
         Line::Init(arguments) => init::run(&arguments),
+        Line::Doctor(arguments) => doctor::run(&arguments),
         Line::Health(arguments) => health::run(&arguments),
         Line::Run(arguments) => run::run(arguments),
     }
