@@ -184,7 +184,7 @@ fn init_lays_the_equipments_file_under_single_changes() {
     let settings = fs::read_to_string(folder.join(".flyarena/settings.toml")).unwrap();
     let arena = settings::Arena::from_toml("settings.toml", &settings).unwrap();
     let devices = &arena.network.devices;
-    assert_eq!(devices.motion_capture.url.to_string(), "udp://127.0.0.1:62101");
+    assert_eq!(devices.motion_capture.url.to_string(), "udp://127.0.0.1:62401");
     assert_eq!((devices.data_link.url.to_string().as_str(), arena.hall.margin_m), ("udp://10.0.0.2:7", 0.25));
     assert!(!folder.join(".flyarena/draft").exists());
 }

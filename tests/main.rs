@@ -6,6 +6,8 @@
 mod cli;
 /// What several subjects share: settings, an arena in virtual time, what was heard.
 mod common;
+/// What an arena needs of this host and its equipment.
+mod doctor;
 /// Each vendor's equipment, by configuration alone.
 mod equipment;
 /// One fear each: what the arena does when something breaks.

@@ -111,7 +111,7 @@ fn what_is_refused_names_the_file_that_was_laid_over_the_key_and_both_values() {
         ),
         (
             "[vehicles.v99]\nid = 1\n",
-            "lab.toml: section of vehicles = \"v99\", but there is only v01, v02, v03, v11",
+            "lab.toml: section of vehicles = \"v99\", but there is only v01, v02, v03",
         ),
         ("ttl = 1\n", "lab.toml: ttl = 1, but it must be a section of settings"),
         ("[vehicles]\nv01 = 3\n", "lab.toml: vehicles.v01 = 3, but it must be a section of settings"),

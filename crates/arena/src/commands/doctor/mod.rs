@@ -47,10 +47,11 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     // What others warn of is judged here.
     service_shell::init_logging("error");
-    let mut options = arguments.options.joining();
+    let mut options = arguments.options.clone();
     if arguments.hardware.is_some() {
         options.domain = DomainOption::Live;
     }
+    let options = options.joining();
     let arena = settings(arguments, &options)?;
     let domain = Domain::from(options.domain);
     let mut findings = vec![judge_settings(&arena, &options, arguments.hardware.as_ref())];
