@@ -15,8 +15,11 @@ use wire::Kind;
 use crate::common::{front_door, place};
 use crate::process::Process;
 
-/// Devices elsewhere than in the folder's settings, and no demand on this disk.
-const LAB: &str = "[network.devices.motion_capture]
+/// Devices and the bus elsewhere than in the folder's settings, and no demand on this disk.
+const LAB: &str = "[network.live]
+group = \"239.255.71.9\"
+port = 47109
+[network.devices.motion_capture]
 url = \"udp://127.0.0.1:58001\"
 [network.devices.command_link]
 url = \"udp://127.0.0.1:58010\"
@@ -29,7 +32,7 @@ free_gib_min = 0.0
 fn folder(name: &str, port_offset: u16) -> PathBuf {
     let folder = place(&format!("hardware-{name}"), port_offset);
     let shift = |text: String, port: u16| text.replace(&port.to_string(), &(port + port_offset).to_string());
-    let lab = [58_000, 58_001, 58_010].into_iter().fold(LAB.to_owned(), shift);
+    let lab = [58_000, 58_001, 58_010, 47_109].into_iter().fold(LAB.to_owned(), shift);
     fs::write(folder.join("lab.toml"), lab).unwrap();
     folder
 }
