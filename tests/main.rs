@@ -8,12 +8,16 @@ mod cli;
 mod common;
 /// What is on the wire, in decoders that are not ours.
 mod devices;
+/// What an arena needs of this host and its equipment.
+mod doctor;
 /// Each vendor's equipment, by configuration alone.
 mod equipment;
 /// One fear each: what the arena does when something breaks.
 mod faults;
 /// Physics outcomes in the virtual arena.
 mod flights;
+/// Before real equipment.
+mod hardware;
 /// What hostile datagrams change: nothing but counters.
 mod hostile;
 /// Real processes on loopback multicast.

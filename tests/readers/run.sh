@@ -26,3 +26,10 @@ while read -r topic; do
     "$arena" echo "$topic" "$recording" --json
 done <"$work/topics" >"$work/echo.json"
 "$venv/bin/python" tests/readers/check.py "$recording" "$work/ros2.mcap" "$work/echo.json" "$work/export.json"
+# And both radios' bytes by docs/hardware.md alone.
+if grep -qx radio/tx "$work/topics"; then
+    for topic in radio/tx radio/rx vehicle/command-sent vehicle/telemetry; do
+        "$arena" echo "$topic" "$recording" --json >"$work/${topic/\//-}"
+    done
+    python3 tests/readers/link.py "$work"/radio-tx "$work"/radio-rx "$work"/vehicle-command-sent "$work"/vehicle-telemetry
+fi

@@ -46,6 +46,11 @@ impl Director {
         *self = Self::ordering(now, kind);
     }
 
+    /// Gives no order until the next [`Director::order`].
+    pub fn fall_silent(&mut self) {
+        self.next_at = Time::FAR_FUTURE;
+    }
+
     /// When the order is to be repeated.
     #[must_use]
     pub fn next_at(&self) -> Time {

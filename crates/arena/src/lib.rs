@@ -7,6 +7,7 @@ pub mod director;
 pub mod experiment;
 pub mod figures;
 pub mod pictures;
+pub mod profile;
 pub mod report;
 pub mod supervisor;
 pub mod tools;

@@ -25,6 +25,14 @@ pub fn wall_clock_ns() -> i64 {
     nanos(clock_gettime(ClockId::Realtime))
 }
 
+/// Whether somebody keeps the wall clock to a reference.
+///
+/// # Errors
+/// The system does not tell.
+pub fn synchronised() -> std::io::Result<bool> {
+    crate::kernel::clock_synchronised()
+}
+
 /// Both clocks at one moment: what turns the kernel's wall-clock stamps into arena time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClockPair {

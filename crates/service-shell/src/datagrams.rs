@@ -259,6 +259,15 @@ pub fn listen_udp(local: SocketAddrV4) -> Result<DatagramSocket, ShellError> {
     DatagramSocket::new(bind_udp(local)?, false).during(|| format!("listening on udp {local}"))
 }
 
+/// How large a receive buffer this program would be granted, in bytes.
+///
+/// # Errors
+/// What the system says.
+pub fn granted_receive_buffer(asked: usize) -> io::Result<usize> {
+    let socket = Socket::new(socket2::Domain::IPV4, socket2::Type::DGRAM, Some(socket2::Protocol::UDP))?;
+    grow_receive_buffer(&socket, asked)
+}
+
 /// Asks for a receive buffer and says what was granted, in bytes of payload and bookkeeping.
 pub(crate) fn grow_receive_buffer(socket: &Socket, asked: usize) -> io::Result<usize> {
     socket.set_recv_buffer_size(asked)?;

@@ -1,11 +1,11 @@
 //! The one module with `unsafe`: what the kernel offers and no safe crate does.
 //!
 //! Three socket options, several datagrams in one system call with the kernel's notes on each (when it came,
-//! how many were dropped), and a descriptor of our own watched by tokio.
+//! how many were dropped), a descriptor of our own watched by tokio, and the state of the wall clock.
 
 #![allow(
     unsafe_code,
-    reason = "SO_TIMESTAMPNS, SO_RXQ_OVFL, SO_MEMINFO, recvmmsg and AsyncFd::register have no safe wrapper"
+    reason = "SO_TIMESTAMPNS, SO_RXQ_OVFL, SO_MEMINFO, recvmmsg, adjtimex and AsyncFd::register have no safe wrapper"
 )]
 
 use std::io;
@@ -66,6 +66,17 @@ pub(crate) fn queue_fill(socket: &impl AsFd) -> io::Result<(u32, u32)> {
         )
     };
     if result == 0 { Ok((memory[0], memory[1])) } else { Err(io::Error::last_os_error()) }
+}
+
+/// Whether somebody keeps the wall clock to a reference.
+pub(crate) fn clock_synchronised() -> io::Result<bool> {
+    // SAFETY: a timex is numbers alone, for which zeros stand; with `modes` zero nothing is set.
+    let mut state: libc::timex = unsafe { std::mem::zeroed() };
+    // SAFETY: the kernel writes within `state`, which outlives the call.
+    match unsafe { libc::adjtimex(&raw mut state) } {
+        -1 => Err(io::Error::last_os_error()),
+        code => Ok(code != libc::TIME_ERROR),
+    }
 }
 
 /// A descriptor that wakes the task when it becomes readable. It cannot be exchanged for another while

@@ -24,6 +24,7 @@ mod program;
 mod replay;
 mod run_id;
 mod run_loop;
+mod run_settings;
 #[cfg(test)]
 mod scratch;
 mod secret;
@@ -37,7 +38,9 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 use service_core::Core;
 
 pub use bus::{BusReceiver, BusSender, endpoint};
-pub use datagrams::{Datagram, DatagramSocket, connect_udp, listen_udp, send_udp, stream_udp};
+pub use datagrams::{
+    Datagram, DatagramSocket, connect_udp, granted_receive_buffer, listen_udp, send_udp, stream_udp,
+};
 pub use devices::{Address, Endpoint, LineAddress, PseudoTerminal, endpoints};
 pub use error::{During, ShellError};
 pub use filter::Listen;
@@ -48,9 +51,11 @@ pub use options::{DomainOption, Options};
 pub use program::program_digest;
 pub use replay::{REPLAY_STEP_MAX, TICK_SPAN};
 pub use run_id::{
-    DEFAULT_RUN_FILE, REPLAY_RUN_FILE, new_run, parse_run, read_run, run_file, run_file_of, write_run,
+    DEFAULT_RUN_FILE, LIVE_RUN_FILE, REPLAY_RUN_FILE, new_run, parse_run, read_run, run_file, run_file_of,
+    write_run,
 };
 pub use run_loop::{NodeFactory, block_on, drive, run_with, serve};
+pub use run_settings::{DEFAULT_SETTINGS_FILE, LIVE_SETTINGS_FILE, write_run_settings};
 pub use secret::{
     DEFAULT_SECRET_FILE, SECRET_FILE_VARIABLE, create_secret_if_absent, read_secret, secret_file,
 };

@@ -45,8 +45,8 @@ pub struct Options {
     /// Where the messages' truth comes from
     #[arg(long, value_enum, default_value_t)]
     pub domain: DomainOption,
-    /// Id of the run to join, in hexadecimal [default: what `arena up` wrote to .flyarena/run, or
-    /// playback to .flyarena/replay-run]
+    /// Id of the run to join, in hexadecimal [default: what `arena up` wrote to .flyarena/run, with
+    /// --hardware to .flyarena/live-run, or playback to .flyarena/replay-run]
     #[arg(long, value_name = "HEX", value_parser = parse_run)]
     pub run: Option<u64>,
     /// File with the arena's secret [default: $FLYARENA_SECRET_FILE, else .flyarena/secret]

@@ -11,6 +11,8 @@ use crate::secret::{create_parent, random_bytes};
 
 /// Where the current run's id stands.
 pub const DEFAULT_RUN_FILE: &str = ".flyarena/run";
+/// Where the current run's id of the live domain stands: no simulated arena of the same folder takes its place.
+pub const LIVE_RUN_FILE: &str = ".flyarena/live-run";
 /// Where the current replay's run id stands: a replay beside a running arena leaves that arena's alone.
 pub const REPLAY_RUN_FILE: &str = ".flyarena/replay-run";
 
@@ -72,7 +74,8 @@ pub fn run_file() -> PathBuf {
 #[must_use]
 pub fn run_file_of(domain: Domain) -> PathBuf {
     match domain {
-        Domain::Live | Domain::Sim => run_file(),
+        Domain::Live => PathBuf::from(LIVE_RUN_FILE),
+        Domain::Sim => run_file(),
         Domain::Replay => PathBuf::from(REPLAY_RUN_FILE),
     }
 }

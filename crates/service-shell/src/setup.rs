@@ -49,13 +49,16 @@ impl Setup {
 /// Names one file with all settings; `--settings` overrides it, `--config` and `--scenario` do not.
 pub const SETTINGS_FILE_VARIABLE: &str = "FLYARENA_SETTINGS_FILE";
 
+pub(crate) fn settings_file_variable() -> Option<PathBuf> {
+    std::env::var_os(SETTINGS_FILE_VARIABLE).filter(|value| !value.is_empty()).map(PathBuf::from)
+}
+
 /// The settings that a program's options or its environment name: one file, or a folder and a scenario.
 ///
 /// # Errors
 /// Settings that cannot be read or used.
 pub fn load_arena(options: &Options) -> Result<Arena, ShellError> {
-    let variable = std::env::var_os(SETTINGS_FILE_VARIABLE).filter(|value| !value.is_empty());
-    let Some(path) = options.settings.clone().or_else(|| variable.map(PathBuf::from)) else {
+    let Some(path) = options.settings.clone().or_else(settings_file_variable) else {
         return Ok(Arena::load(&options.config, &options.scenario)?);
     };
     let file = path.display().to_string();

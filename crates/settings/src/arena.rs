@@ -6,8 +6,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::read::{Source, explained, holds, merge, names_in, read_table};
-use crate::{ConfigError, Hall, Network, Scenario, ScenarioVehicle, Vehicle, places};
+use crate::read::{Files, Source, explained, holds, merge, names_in};
+use crate::{ConfigError, Hall, Network, Overlay, Scenario, ScenarioVehicle, Vehicle, places};
 
 const SERVICES_FILE: &str = "services.toml";
 
@@ -43,23 +43,46 @@ impl Arena {
     /// # Errors
     /// The first setting that cannot be used, with its file, its key and both values.
     pub fn load(folder: &Path, scenario_name: &str) -> Result<Self, ConfigError> {
-        let hall_source = Source::read(&folder.join("hall.toml"))?;
+        Self::load_over(folder, scenario_name, &Overlay::default(), |_| Ok(()))
+    }
+
+    /// As [`Arena::load`], with other settings laid over the folder's, and `check` for what only the services can judge.
+    ///
+    /// # Errors
+    /// As [`Arena::load`] and as `check`; [`ConfigError::Overlaid`] for what is the overlay's doing.
+    pub fn load_over(
+        folder: &Path,
+        scenario_name: &str,
+        overlay: &Overlay,
+        check: impl Fn(&Self) -> Result<(), ConfigError>,
+    ) -> Result<Self, ConfigError> {
+        overlay.blaming(|overlay| {
+            let arena = Self::load_files(&Files::new(folder, overlay.by_file(folder)?), scenario_name)?;
+            check(&arena)?;
+            Ok(arena)
+        })
+    }
+
+    fn load_files(files: &Files<'_>, scenario_name: &str) -> Result<Self, ConfigError> {
+        let folder = files.folder();
+        let hall_source = Source::read(files, &folder.join("hall.toml"))?;
         let hall: Hall = hall_source.parse()?;
         hall_source.checked(|file| hall.check(file))?;
-        let network_source = Source::read(&folder.join("network.toml"))?;
+        let network_source = Source::read(files, &folder.join("network.toml"))?;
         let network: Network = network_source.parse()?;
         network_source.checked(|file| network.check(file))?;
-        let services = read_table(&folder.join(SERVICES_FILE))?;
-        let (source, scenario, overrides) = load_scenario(folder, scenario_name)?;
+        let services = files.table(&folder.join(SERVICES_FILE))?;
+        let (source, scenario, overrides) = load_scenario(files, scenario_name)?;
         let fleet = scenario
             .vehicles
             .iter()
-            .map(|part| load_vehicle(folder, &source.name(), part, &overrides))
+            .map(|part| load_vehicle(files, &source.name(), part, &overrides))
             .collect::<Result<Vec<_>, _>>()?;
         let arena = Self { name: scenario_name.to_owned(), hall, network, scenario, fleet, services };
         arena.check_distinct(&source.name())?;
         places::check(&arena, &source.name())?;
         network_source.checked(|file| arena.network.devices.check_fleet(file, &arena.fleet))?;
+        check_unused(files)?;
         Ok(arena)
     }
 
@@ -169,7 +192,8 @@ impl Arena {
 }
 
 /// A scenario, and the settings it lays over its vehicles'.
-fn load_scenario(folder: &Path, name: &str) -> Result<(Source, Scenario, Table), ConfigError> {
+fn load_scenario(files: &Files<'_>, name: &str) -> Result<(Source, Scenario, Table), ConfigError> {
+    let folder = files.folder();
     let known = Arena::scenarios(folder)?;
     if !known.iter().any(|candidate| candidate == name) {
         return Err(ConfigError::Unknown {
@@ -179,7 +203,7 @@ fn load_scenario(folder: &Path, name: &str) -> Result<(Source, Scenario, Table),
             known: known.join(", "),
         });
     }
-    let source = Source::read(&folder.join("scenarios").join(format!("{name}.toml")))?;
+    let source = Source::read(files, &folder.join("scenarios").join(format!("{name}.toml")))?;
     let mut table = source.merged();
     let overrides = match table.remove("vehicles") {
         None => Table::new(),
@@ -198,13 +222,33 @@ fn load_scenario(folder: &Path, name: &str) -> Result<(Source, Scenario, Table),
     Ok((source, scenario, overrides))
 }
 
+/// What is laid over a scenario or a vehicle that does not take part must be sound all the same.
+fn check_unused(files: &Files<'_>) -> Result<(), ConfigError> {
+    for name in files.overlaid_in("scenarios") {
+        load_scenario(files, name)?;
+    }
+    let every = files.overlaid_in("vehicles/kinds").next().is_some();
+    let names: Vec<String> = match every {
+        true => names_in(&files.folder().join("vehicles"))?,
+        false => files.overlaid_in("vehicles").map(str::to_owned).collect(),
+    };
+    names.iter().try_for_each(|name| read_vehicle(files, name).map(|_| ()))
+}
+
+fn read_vehicle(files: &Files<'_>, name: &str) -> Result<(Source, Vehicle), ConfigError> {
+    let source = Source::read(files, &files.folder().join("vehicles").join(format!("{name}.toml")))?;
+    let vehicle: Vehicle = source.parse()?;
+    source.checked(|file| vehicle.check(file))?;
+    Ok((source, vehicle))
+}
+
 fn load_vehicle(
-    folder: &Path,
+    files: &Files<'_>,
     scenario_file: &str,
     part: &ScenarioVehicle,
     overrides: &Table,
 ) -> Result<FleetVehicle, ConfigError> {
-    let known = names_in(&folder.join("vehicles"))?;
+    let known = names_in(&files.folder().join("vehicles"))?;
     if !known.contains(&part.file) {
         return Err(ConfigError::Unknown {
             file: scenario_file.to_owned(),
@@ -213,9 +257,7 @@ fn load_vehicle(
             known: known.join(", "),
         });
     }
-    let source = Source::read(&folder.join("vehicles").join(format!("{}.toml", part.file)))?;
-    let mut vehicle: Vehicle = source.parse()?;
-    source.checked(|file| vehicle.check(file))?;
+    let (source, mut vehicle) = read_vehicle(files, &part.file)?;
     if !overrides.is_empty() {
         // Sound before, so whatever is refused now is the scenario's doing.
         let mut table = source.merged();

@@ -63,4 +63,12 @@ pub enum ConfigError {
         /// Why they do not go together.
         reason: String,
     },
+    /// Settings that were sound before something was laid over them.
+    #[error("{overlay}, laid over the settings: {error}")]
+    Overlaid {
+        /// The file or change that was laid over them.
+        overlay: String,
+        /// What is wrong since.
+        error: Box<ConfigError>,
+    },
 }

@@ -10,6 +10,7 @@ mod error;
 mod hall;
 mod interface;
 mod network;
+mod overlay;
 mod places;
 mod plant;
 mod ports;
@@ -27,6 +28,7 @@ pub use error::ConfigError;
 pub use hall::Hall;
 pub use interface::Interface;
 pub use network::{Endpoint, Network};
+pub use overlay::{Change, Overlay};
 pub use plant::{
     AccelerometerSettings, AirSettings, BatterySettings, BodySettings, CameraSettings, ClockSettings,
     FloorSettings, GyroSettings, LinkSettings, PlantSettings, RotorPlantSettings,

@@ -6,6 +6,42 @@ use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
 use crate::ConfigError;
+use crate::overlay::{ByFile, name_of};
+
+/// A folder of settings, and what is laid over its files.
+pub(crate) struct Files<'a> {
+    folder: &'a Path,
+    over: ByFile,
+}
+
+impl<'a> Files<'a> {
+    /// A folder and what is laid over its files.
+    pub(crate) fn new(folder: &'a Path, over: ByFile) -> Self {
+        Self { folder, over }
+    }
+
+    /// The folder.
+    pub(crate) fn folder(&self) -> &'a Path {
+        self.folder
+    }
+
+    /// A file's values, with what is laid over them.
+    pub(crate) fn table(&self, path: &Path) -> Result<Table, ConfigError> {
+        let mut table = read_table(path)?;
+        if let Some(over) = name_of(self.folder, path).and_then(|name| self.over.get(&name)) {
+            merge(&mut table, over.clone());
+        }
+        Ok(table)
+    }
+
+    /// The names of the files of a folder of this one over which something is laid.
+    pub(crate) fn overlaid_in(&self, folder: &str) -> impl Iterator<Item = &str> {
+        self.over.keys().filter_map(move |name| match name.rsplit_once('/') {
+            Some((parent, name)) if parent == folder => Some(name),
+            _ => None,
+        })
+    }
+}
 
 /// A file and what it inherits, kept apart so that a value is laid to the file it stands in.
 pub(crate) struct Source {
@@ -16,13 +52,14 @@ pub(crate) struct Source {
 
 impl Source {
     /// Reads a file, following one `inherit = "other.toml"` (relative to the file) where there is one.
-    pub(crate) fn read(path: &Path) -> Result<Self, ConfigError> {
-        let mut own = read_table(path)?;
+    pub(crate) fn read(files: &Files<'_>, path: &Path) -> Result<Self, ConfigError> {
+        let mut own = files.table(path)?;
         let parent = match own.remove("inherit") {
             None => None,
             Some(Value::String(parent)) => {
                 let parent_path = path.parent().unwrap_or(Path::new(".")).join(parent);
-                Some((parent_path.clone(), read_table(&parent_path)?))
+                let base = files.table(&parent_path)?;
+                Some((parent_path, base))
             }
             Some(other) => {
                 return Err(ConfigError::Malformed {

@@ -55,7 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let reason = "--again: whether a real vehicle flies again after a fault, a person decides";
         return Err(Failure::Usage(reason.to_owned()));
     }
-    let setup = Setup::load("arena", &arguments.options)?;
+    let setup = Setup::load("arena", &arguments.options.joining())?;
     let order = if arguments.hover { OrderKind::Hover } else { OrderKind::Fly };
     let mut screen = Screen::default();
     let ending = service_shell::block_on(async {

@@ -29,7 +29,7 @@ pub struct Arguments {
 /// Runs the command: exit code 0 where the service's count of steps rises, 1 where it does not.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     service_shell::init_logging(&arguments.options.log);
-    let setup = Setup::load("arena", &arguments.options)?;
+    let setup = Setup::load("arena", &arguments.options.joining())?;
     let Some(service) = &arguments.service else {
         return Ok(ExitCode::SUCCESS);
     };

@@ -57,7 +57,7 @@ impl Place {
             secret_file: self.secret_file.clone(),
             ..Options::default()
         };
-        Ok(Setup::load("tool", &options)?)
+        Ok(Setup::load("tool", &options.joining())?)
     }
 }
 

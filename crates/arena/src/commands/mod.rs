@@ -2,6 +2,7 @@
 
 mod budget;
 mod cut;
+mod doctor;
 mod echo;
 mod export;
 mod fly;
@@ -38,7 +39,8 @@ pub enum Line {
     Solve(solve::Arguments),
     /// Learn a scenario in virtual time: the whole arena, as fast as the machine allows.
     Learn(learn::Arguments),
-    /// Bring the simulated arena up on this machine: every service a process of its own, on loopback multicast.
+    /// Bring an arena up on this machine, every service a process of its own: simulated, or with --hardware before real
+    /// equipment.
     Up(up::Arguments),
     /// Record everything on the bus into an MCAP file.
     Record(record::Arguments),
@@ -68,6 +70,8 @@ pub enum Line {
     Fly(fly::Arguments),
     /// Make what a run's programs share: a secret, the run's id, settings.
     Init(init::Arguments),
+    /// Look at what an arena needs of this host and its equipment, and say what to do about it.
+    Doctor(doctor::Arguments),
     /// Ask whether a service makes progress.
     Health(health::Arguments),
     /// Run one service, bridge or the simulator, as `arena up` does.
@@ -161,6 +165,7 @@ pub fn run(line: Line) -> Result<ExitCode, Failure> {
         Line::Verify(arguments) => verify::run(&arguments),
         Line::Fly(arguments) => fly::run(&arguments),
         Line::Init(arguments) => init::run(&arguments),
+        Line::Doctor(arguments) => doctor::run(&arguments),
         Line::Health(arguments) => health::run(&arguments),
         Line::Run(arguments) => run::run(arguments),
     }

@@ -80,10 +80,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         return dump(arguments);
     }
     let mut display = Display { json: arguments.json, ..Display::default() };
-    let status = logger::run_with(&arguments.options(), &arguments.record, &mut |telling| match telling {
-        Telling::Status(status) => display.status(status),
-        Telling::Notice(notice) => display.notice(notice),
-    })?;
+    let status =
+        logger::run_with(&arguments.options().joining(), &arguments.record, &mut |telling| match telling {
+            Telling::Status(status) => display.status(status),
+            Telling::Notice(notice) => display.notice(notice),
+        })?;
     display.end(&status)?;
     Ok(if display.failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }

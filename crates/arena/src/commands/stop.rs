@@ -44,7 +44,7 @@ struct Word {
 /// Runs the command: exit code 0 once every vehicle has said that it obeyed, 1 where one has not.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     service_shell::init_logging(&arguments.options.log);
-    let setup = Setup::load("arena", &arguments.options)?;
+    let setup = Setup::load("arena", &arguments.options.joining())?;
     let mut words: Vec<Word> = setup
         .arena
         .fleet

@@ -1,12 +1,13 @@
-//! `arena up`: a live simulated arena on this machine, or services on a recording.
+//! `arena up`: a live arena on this machine, simulated or before real equipment, or services on a recording.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use front_door::supervisor::{self, Ending, Plan, RecordPlan, ReplayPlan, Screen};
+use front_door::profile;
+use front_door::supervisor::{self, Ending, Equipment, Plan, RecordPlan, ReplayPlan, Screen};
 use playback::Rate;
-use service_shell::{DomainOption, Options};
+use service_shell::Options;
 
 use super::Failure;
 
@@ -30,6 +31,10 @@ pub struct Arguments {
     /// With --record: seal and stop recording when the disk has less free than this.
     #[arg(long, value_name = "SIZE", value_parser = logger::parse_bytes, requires = "record")]
     min_free: Option<u64>,
+    /// Before real equipment: no simulator, domain live, and this file laid over the settings. Nobody takes off before
+    /// `arena fly --domain live` says so
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["seed", "replay"])]
+    hardware: Option<PathBuf>,
     /// Run services on this recording instead of a simulator, in the replay domain, and end with it.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["seed", "record"])]
     replay: Option<PathBuf>,
@@ -48,19 +53,21 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         return replay(arguments, file);
     }
     let default = Options::default();
-    let options = Options {
-        config: arguments.config.clone().unwrap_or(default.config),
-        scenario: arguments.scenario.clone().unwrap_or(default.scenario),
-        domain: DomainOption::Sim,
-        log: arguments.log.clone(),
-        ..Options::default()
+    let folder = arguments.config.clone().unwrap_or(default.config);
+    let scenario = arguments.scenario.clone().unwrap_or(default.scenario);
+    let overlay = profile::overlay(arguments.hardware.as_ref(), &[])?;
+    // Settings that cannot be used leave no trace: no other arena's run id is overwritten for them.
+    let arena = profile::load(&folder, &scenario, &overlay)?;
+    let equipment = match arguments.hardware {
+        Some(_) => Equipment::Real,
+        None => Equipment::Simulated { seed: arguments.seed },
     };
     let record = arguments.record.clone().map(|file| RecordPlan {
         file,
         options: arguments.min_free.map(|bytes| format!("--min-free={bytes}").into()).into_iter().collect(),
     });
-    let plan =
-        Plan { options, seed: arguments.seed, folder: supervisor::default_folder().to_owned(), record };
+    let log = arguments.log.clone();
+    let plan = Plan { arena, equipment, log, folder: supervisor::default_folder().to_owned(), record };
     let mut screen = Screen::default();
     let ending = supervisor::up(&plan, &mut screen)?;
     screen.say(match ending {

@@ -56,6 +56,17 @@ impl Console {
         self.director.order(now, kind);
     }
 
+    /// Gives no order until [`Console::order`].
+    pub fn fall_silent(&mut self) {
+        self.director.fall_silent();
+    }
+
+    /// Knows what another console knew.
+    pub fn take_over(&mut self, other: &Self) {
+        self.vehicles.clone_from(&other.vehicles);
+        self.health.clone_from(&other.health);
+    }
+
     /// What is known of each vehicle.
     #[must_use]
     pub fn vehicles(&self) -> &BTreeMap<u8, VehicleView> {

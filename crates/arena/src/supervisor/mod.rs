@@ -1,5 +1,8 @@
-//! A live arena on this machine: every service and the simulator as a process of its own, on loopback multicast,
+//! A live arena on this machine: every service as a process of its own, and the simulator unless there is real equipment;
 //! looked after, watched, and landed before it ends.
+//!
+//! Before real equipment nobody takes off because this program was started: the order is a person's, given by
+//! `arena fly`. Here they are watched, and landed when it is told to end.
 
 mod console;
 mod processes;
@@ -13,12 +16,18 @@ use std::time::Duration;
 
 use quantity::{Span, Time};
 use schemas::OrderKind;
-use service_core::{AnyNode, Node, Published};
-use service_shell::{BusReceiver, BusSender, Listen, Options, Setup, ShellError, clock};
+use service_core::{AnyNode, Identity, Node, Published};
+use service_shell::{
+    BusReceiver, BusSender, DEFAULT_SETTINGS_FILE, DomainOption, LIVE_SETTINGS_FILE, Listen, Options, Setup,
+    ShellError, clock, incarnation_now, run_file_of,
+};
 use settings::Arena;
 use thiserror::Error;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::MissedTickBehavior;
+use wire::Domain;
+
+use crate::tools::neighbours;
 
 pub use console::{Console, VehicleView};
 pub use processes::{Launch, Standing, Supervised};
@@ -57,6 +66,16 @@ pub enum SupervisorError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// Another arena runs before real equipment.
+    #[error("{group}:{port} carries {topic}: a live arena is running, and two would steer the same vehicles")]
+    Another {
+        /// The live domain's group.
+        group: std::net::Ipv4Addr,
+        /// The live domain's port.
+        port: u16,
+        /// What was heard there.
+        topic: String,
     },
     /// The logger is not heard.
     #[error("the logger does not record; {} says why", log.display())]
@@ -101,31 +120,48 @@ pub enum Ending {
     Stopped,
 }
 
+/// What stands at the other end of the bridges' cables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Equipment {
+    /// A simulator of that seed. The vehicles work through the scenario at once, and their end is the arena's.
+    Simulated {
+        /// Seed of its world.
+        seed: u64,
+    },
+    /// Cameras, radios and vehicles. Nobody takes off, and nothing ends, before a person says so.
+    Real,
+}
+
 /// What a live arena is brought up with.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// What every service is told.
-    pub options: Options,
-    /// Seed of the simulator's world.
-    pub seed: u64,
+    /// The settings, judged already.
+    pub arena: Arena,
+    /// What there is of equipment.
+    pub equipment: Equipment,
+    /// What the services log.
+    pub log: String,
     /// Folder for secret, run id and logs.
     pub folder: PathBuf,
     /// What everything is recorded into, if it shall be.
     pub record: Option<RecordPlan>,
 }
 
-/// Brings a simulated arena up and stays with it to its end.
+/// Brings an arena up and stays with it to its end.
 ///
 /// # Errors
-/// Settings, files or sockets that cannot be used, or a process that cannot be started.
+/// Files or sockets that cannot be used, a process that cannot be started, or another arena before the same equipment.
 pub fn up(plan: &Plan, screen: &mut Screen) -> Result<Ending, SupervisorError> {
-    let (setup, launch) = prepare(plan)?;
     tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .map_err(|source| SupervisorError::System { what: "starting the runtime", source })?
         .block_on(async {
-            let mut arena = LiveArena::start(&setup, launch)?;
+            if plan.equipment == Equipment::Real {
+                refuse_beside_another(&plan.arena).await?;
+            }
+            let (setup, launch) = prepare(plan)?;
+            let mut arena = LiveArena::start(setup, launch, plan.equipment)?;
             let ending = arena.fly(screen).await;
             // Whatever happened, no process is left behind.
             arena.end().await;
@@ -133,27 +169,41 @@ pub fn up(plan: &Plan, screen: &mut Screen) -> Result<Ending, SupervisorError> {
         })
 }
 
+async fn refuse_beside_another(arena: &Arena) -> Result<(), SupervisorError> {
+    let live = &arena.network.live;
+    match neighbours::heard(&arena.network, Domain::Live).await? {
+        None => Ok(()),
+        Some(topic) => Err(SupervisorError::Another { group: live.group, port: live.port, topic }),
+    }
+}
+
 fn prepare(plan: &Plan) -> Result<(Setup, Launch), SupervisorError> {
-    // Settings that cannot be used leave no trace: no other arena's run id is overwritten for them.
-    service_core::check_sections(&Arena::load(&plan.options.config, &plan.options.scenario)?)?;
     let logs = plan.folder.join("logs");
     std::fs::create_dir_all(&logs).map_err(|source| SupervisorError::File { path: logs.clone(), source })?;
-    let mut options = plan.options.clone();
-    let secret_file = service_shell::secret_file(options.secret_file.as_deref());
+    let secret_file = service_shell::secret_file(None);
     service_shell::create_secret_if_absent(&secret_file)?;
-    options.secret_file = Some(secret_file);
-    options.supervised = true;
-    let run = match options.run {
-        Some(run) => run,
-        None => service_shell::new_run()?,
+    let run = service_shell::new_run()?;
+    let (domain, settings, seed) = match plan.equipment {
+        Equipment::Simulated { seed } => (DomainOption::Sim, DEFAULT_SETTINGS_FILE, Some(seed)),
+        Equipment::Real => (DomainOption::Live, LIVE_SETTINGS_FILE, None),
     };
-    options.run = Some(run);
-    service_shell::write_run(&service_shell::run_file(), run)?;
+    // One file for all: a service that is restarted has the settings that the others have.
+    service_shell::write_run_settings(Path::new(settings), run, &plan.arena)?;
+    service_shell::write_run(&run_file_of(domain.into()), run)?;
+    let options = Options {
+        settings: Some(settings.into()),
+        domain,
+        run: Some(run),
+        secret_file: Some(secret_file),
+        log: plan.log.clone(),
+        supervised: true,
+        ..Options::default()
+    };
     let setup = Setup::load("arena", &options)?;
     let program = std::env::current_exe()
         .map_err(|source| SupervisorError::System { what: "finding this program's own file", source })?;
     let record = plan.record.as_ref().map(RecordPlan::arguments);
-    Ok((setup, Launch { program, options, run, seed: plan.seed, logs, record }))
+    Ok((setup, Launch { program, options, run, seed, logs, record }))
 }
 
 struct LiveArena {
@@ -162,25 +212,45 @@ struct LiveArena {
     sender: BusSender,
     processes: Vec<Supervised>,
     launch: Launch,
+    setup: Setup,
+    equipment: Equipment,
     landing_since: Option<Time>,
 }
 
 impl LiveArena {
-    fn start(setup: &Setup, launch: Launch) -> Result<Self, SupervisorError> {
+    fn start(setup: Setup, launch: Launch, equipment: Equipment) -> Result<Self, SupervisorError> {
         let network = &setup.arena.network;
         let mut node = Node::<Console>::new(&setup.arena, &setup.secret, setup.identity, clock::now())?;
         // People reach into it, which no recording can tell of: it keeps no journal from the start.
-        node.core_mut();
+        let console = node.core_mut();
+        if equipment == Equipment::Real {
+            console.fall_silent();
+        }
         let receiver = BusReceiver::join(network, setup.identity.domain, Listen::Topics(node.topics_in()))?;
         let sender = BusSender::open(network, setup.identity.domain)?;
-        Ok(Self { node, receiver, sender, processes: Vec::new(), launch, landing_since: None })
+        Ok(Self {
+            node,
+            receiver,
+            sender,
+            processes: Vec::new(),
+            launch,
+            setup,
+            equipment,
+            landing_since: None,
+        })
     }
 
     /// Starts everything, the logger first, and stays to the end.
     async fn fly(&mut self, screen: &mut Screen) -> Result<Ending, SupervisorError> {
         self.start_logger().await?;
-        for service in roster::SERVICES.iter().copied().chain(["simulator"]) {
+        let simulator = self.launch.seed.map(|_| "simulator");
+        for service in roster::SERVICES.iter().copied().chain(simulator) {
             self.processes.push(Supervised::start(service, &self.launch)?);
+        }
+        if self.equipment == Equipment::Real {
+            screen.say(
+                "nobody takes off by itself: `arena fly --domain live` in another terminal gives the order",
+            );
         }
         self.attend(screen).await
     }
@@ -199,23 +269,37 @@ impl LiveArena {
                         return Ok(ending);
                     }
                 }
-                _ = interrupted.recv() => if self.land(screen) { return Ok(Ending::Stopped) },
-                _ = terminated.recv() => if self.land(screen) { return Ok(Ending::Stopped) },
+                _ = interrupted.recv() => if self.land(screen)? { return Ok(Ending::Stopped) },
+                _ = terminated.recv() => if self.land(screen)? { return Ok(Ending::Stopped) },
             }
         }
     }
 
     /// Orders a landing; says whether one was under way already.
-    fn land(&mut self, screen: &mut Screen) -> bool {
+    fn land(&mut self, screen: &mut Screen) -> Result<bool, SupervisorError> {
         if self.landing_since.is_some() {
             screen.say("stopping at once");
-            return true;
+            return Ok(true);
         }
         screen.say("landing first; once more stops at once");
         let now = clock::now();
         self.landing_since = Some(now);
+        if self.equipment == Equipment::Real {
+            self.speak_last(now)?;
+        }
         self.node.core_mut().order(now, OrderKind::Land);
-        false
+        Ok(false)
+    }
+
+    /// Whoever gave the order to fly did so under this program's name, and was started later: only as one that is
+    /// started later still is this program heard again.
+    fn speak_last(&mut self, now: Time) -> Result<(), SupervisorError> {
+        let Setup { arena, secret, identity, .. } = &self.setup;
+        let identity = Identity { incarnation: incarnation_now().max(identity.incarnation + 1), ..*identity };
+        let mut node = Node::<Console>::new(arena, secret, identity, now)?;
+        node.core_mut().take_over(self.node.core());
+        self.node = node;
+        Ok(())
     }
 
     fn take(&mut self, count: usize) {
@@ -248,7 +332,8 @@ impl LiveArena {
             }
             return Ok((now - since > LANDING_MAX).then_some(Ending::Stopped));
         }
-        Ok(node.core().all_done().then_some(Ending::Finished))
+        let finished = self.equipment != Equipment::Real && node.core().all_done();
+        Ok(finished.then_some(Ending::Finished))
     }
 }
 

@@ -47,8 +47,8 @@ pub struct Launch {
     pub options: service_shell::Options,
     /// The run.
     pub run: u64,
-    /// Seed of the simulator's world.
-    pub seed: u64,
+    /// Seed of the simulator's world, where there is a simulator.
+    pub seed: Option<u64>,
     /// Folder for what the services log.
     pub logs: PathBuf,
     /// The logger's own arguments, if there is a logger.
@@ -141,8 +141,8 @@ impl Supervised {
         let mut command = Command::new(&launch.program);
         command.arg("run").arg(&self.service);
         command.args(launch.options.to_arguments(launch.run, self.incarnation));
-        if self.service == "simulator" {
-            command.args(["--seed", &launch.seed.to_string()]);
+        if let (Some(seed), "simulator") = (launch.seed, self.service.as_str()) {
+            command.args(["--seed", &seed.to_string()]);
         }
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
         if self.service == logger::NAME {

@@ -82,7 +82,7 @@ fn prepare(plan: &ReplayPlan, recorded: &Recorded) -> Result<Launch, SupervisorE
     };
     let program = std::env::current_exe()
         .map_err(|source| SupervisorError::System { what: "finding this program's own file", source })?;
-    Ok(Launch { program, options, run, seed: 0, logs, record: None })
+    Ok(Launch { program, options, run, seed: None, logs, record: None })
 }
 
 /// The recorded settings, on this host's network; or others, if somebody wants to know what they would have done.

@@ -2,6 +2,7 @@
 
 pub mod budget;
 mod live;
+pub mod neighbours;
 pub mod rates;
 mod requests;
 mod text;

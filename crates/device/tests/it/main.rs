@@ -6,6 +6,7 @@ mod crsf;
 mod mavlink;
 mod natnet;
 mod natnet_descriptions;
+mod page;
 mod random;
 mod robustness;
 mod sbus;

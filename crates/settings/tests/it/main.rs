@@ -8,6 +8,8 @@ mod digest;
 mod folder;
 /// What one file inherits from another, and what a scenario lays over its vehicles.
 mod layers;
+/// What is laid over a folder.
+mod overlay;
 /// What is refused, and in which words.
 mod refusals;
 /// What is shipped.
