@@ -14,7 +14,7 @@ use std::time::Duration;
 use quantity::{Span, Time};
 use schemas::OrderKind;
 use service_core::{AnyNode, Node, Published};
-use service_shell::{BusReceiver, BusSender, Listen, Options, Setup, ShellError, clock};
+use service_shell::{BusReceiver, BusSender, Listen, Options, Setup, ShellError, clock, program_digest};
 use settings::Arena;
 use thiserror::Error;
 use tokio::signal::unix::{SignalKind, signal};
@@ -171,6 +171,7 @@ impl LiveArena {
         let mut node = Node::<Console>::new(&setup.arena, &setup.secret, setup.identity, clock::now())?;
         // People reach into it, which no recording can tell of: it keeps no journal from the start.
         node.core_mut();
+        node.identify_program(program_digest());
         let receiver = BusReceiver::join(network, setup.identity.domain, Listen::Topics(node.topics_in()))?;
         let sender = BusSender::open(network, setup.identity.domain)?;
         Ok(Self { node, receiver, sender, processes: Vec::new(), launch, landing_since: None })
