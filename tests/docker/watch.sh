@@ -11,6 +11,7 @@ hover_error_m=0.5
 # Starts to listen.
 watch_truth() {
     if [ -n "$watcher" ]; then kill "$watcher" 2>/dev/null || true; fi
+    : >>"$work/truth"
     docker exec --env FLYARENA_SETTINGS_FILE=.flyarena/settings.toml "$(container run)" \
         /arena echo plant/truth --json >>"$work/truth" 2>>"$work/truth.log" &
     watcher=$!
