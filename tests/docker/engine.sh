@@ -37,7 +37,8 @@ cgroup() { echo "/flyarena-test-$$"; }
 
 # Ends our own engine, and removes what only an engine of that name could have left.
 end_engine() {
-    if [ -z "$engine" ]; then return; fi
+    # In a trap, the status of a bare `return` is not its own.
+    if [ -z "$engine" ]; then return 0; fi
     kill "$engine" 2>/dev/null || true
     wait "$engine" 2>/dev/null || true
     rmdir "/sys/fs/cgroup$(cgroup)" "/sys/fs/cgroup/"*"$(cgroup)" 2>/dev/null || true

@@ -110,7 +110,7 @@ check_files() {
 }
 
 build() {
-    "$here/tests/docker/builder.sh" "$builder"
+    TMPDIR="$work" "$here/tests/docker/builder.sh" "$builder"
     say "the builder's image is there"
     compose build --build-arg BUILDER="$builder" run >"$work/build.log" 2>&1 \
         || { tail -n 60 "$work/build.log"; fail "the image does not build"; }
