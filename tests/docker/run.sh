@@ -70,7 +70,8 @@ clean_up() {
             "$profile"
             compose down --volumes --remove-orphans --timeout 2 >/dev/null 2>&1 || true
         done
-        if [ "$image" = flyarena-test ]; then
+        # What our own engine has goes with it.
+        if [ "$image" = flyarena-test ] && [ -z "$engine" ]; then
             # Stages that were built, too: they have no names.
             { sed -n 's/^ ---> \([0-9a-f]\{12\}\)$/\1/p' "$work/build.log" 2>/dev/null | tac; echo "$image"; echo "$builder"; } \
                 | xargs docker image rm >/dev/null 2>&1 || true
