@@ -30,8 +30,8 @@ ln --symbolic --force gcc "$root/usr/bin/cc"
 
 # The toolchain that rust-toolchain.toml names, and the crates.
 sysroot="$(cd "$here" && rustc --print sysroot)"
-mkdir --parents "$root/usr/local/lib" "$root/usr/local/cargo"
-cp --recursive "$sysroot/bin" "$root/usr/local/"
+mkdir --parents "$root/usr/local/bin" "$root/usr/local/lib" "$root/usr/local/cargo"
+cp "$sysroot/bin/cargo" "$sysroot/bin/rustc" "$root/usr/local/bin/"
 cp --recursive "$sysroot/lib/." "$root/usr/local/lib/"
 (cd "$here" && cargo vendor --locked --versioned-dirs "$root/crates" 2>"$folder/vendor.log") >/dev/null \
     || { cat "$folder/vendor.log" >&2; exit 1; }

@@ -138,6 +138,7 @@ impl<'t> Live<'t> {
             dumps: dumps_taken,
             notices: notices_given,
             buffer,
+            turns: 0,
         };
         let scribe = std::thread::Builder::new()
             .name("scribe".to_owned())
@@ -226,7 +227,7 @@ impl<'t> Live<'t> {
         }
         if self.announce_at <= now {
             self.announce_at = now + ANNOUNCE_PERIOD;
-            self.voice.announce(now, self.ear.counters(), self.ear.lost(), self.ear.overflowed());
+            self.voice.announce(now, self.shared.progress().turns, &self.ear);
         }
         if self.status_at <= now {
             self.status_at = now + STATUS_PERIOD;
@@ -265,7 +266,7 @@ impl<'t> Live<'t> {
     }
 
     fn status(&self) -> LoggerStatus {
-        let Progress { state, file, totals } = self.shared.progress();
+        let Progress { state, file, totals, .. } = self.shared.progress();
         let state = if self.scribe.is_none() { LoggerState::Stopped } else { state };
         LoggerStatus {
             state,

@@ -31,6 +31,8 @@ pub(crate) struct Shared {
 /// How the writing fares.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Progress {
+    /// Turns of the writer's loop: they rise even while nothing comes, and not while the disk holds it up.
+    pub(crate) turns: u64,
     pub(crate) state: LoggerState,
     pub(crate) file: PathBuf,
     pub(crate) totals: Totals,
@@ -80,6 +82,7 @@ pub(crate) struct Scribe {
     pub(crate) dumps: Receiver<()>,
     pub(crate) notices: Sender<Notice>,
     pub(crate) buffer: Vec<u8>,
+    pub(crate) turns: u64,
 }
 
 impl Scribe {
@@ -176,6 +179,8 @@ impl Scribe {
     }
 
     fn report(&mut self) {
+        self.turns += 1;
+        let turns = self.turns;
         let progress = match &mut self.desk {
             Desk::Files(segments) => {
                 for notice in segments.take_notices() {
@@ -189,10 +194,11 @@ impl Scribe {
                     Standing::Recording => LoggerState::Recording,
                     Standing::Stopped => LoggerState::Stopped,
                 };
-                Progress { state, file: segments.file(), totals: segments.totals() }
+                Progress { turns, state, file: segments.file(), totals: segments.totals() }
             }
             Desk::Memory(memory) => {
-                Progress { state: LoggerState::Snapshot, file: memory.newest.clone(), totals: memory.written }
+                let (state, file) = (LoggerState::Snapshot, memory.newest.clone());
+                Progress { turns, state, file, totals: memory.written }
             }
         };
         self.shared.set_progress(progress);

@@ -7,11 +7,12 @@ use recording::Notice;
 use reflect::{Message, Text};
 use schemas::{LoggerStatus, NodeEvent, NodeHealth, Severity, Topic, topics};
 use service_core::{Observed, Publisher};
-use service_shell::{BusSender, Setup, ShellError, echo_event};
+use service_shell::{BusSender, Setup, ShellError, echo_event, program_digest};
 use tracing::warn;
-use wire::{Counters, DropReason, Header, Keyring, Kind, Role, TopicName};
+use wire::{DropReason, Header, Keyring, Kind, Role, TopicName};
 
 use crate::NAME;
+use crate::ear::Ear;
 
 /// The topics the logger writes.
 static TOPICS: &[&Topic] = &[&topics::LOGGER_STATUS, &topics::NODE_EVENT, &topics::NODE_HEALTH];
@@ -95,14 +96,16 @@ impl Voice {
         self.say(now, &topics::NODE_EVENT, &event);
     }
 
-    /// Announces the logger's definitions, and how its bus fares.
-    pub(crate) fn announce(&mut self, now: Time, counters: &Counters, lost: u64, overflowed: u64) {
+    /// Announces the logger's definitions, and how its writer and its bus fare.
+    pub(crate) fn announce(&mut self, now: Time, turns: u64, ear: &Ear) {
+        let counters = ear.counters();
         let bus = &mut self.bus;
         self.publisher.announce(now, TOPICS, &mut |published| bus.send(published.datagram));
         let health = NodeHealth {
             node: Text::truncated(NAME),
             started_at: self.started_at,
-            steps: counters.accepted,
+            program_digest: program_digest(),
+            steps: turns,
             published: self.publisher.published(),
             accepted: counters.accepted,
             dropped_malformed: counters.dropped(DropReason::Malformed),
@@ -111,9 +114,8 @@ impl Voice {
             dropped_run: counters.dropped(DropReason::Run),
             dropped_replayed: counters.dropped(DropReason::Replayed),
             dropped_undecodable: counters.dropped(DropReason::Undecodable),
-            lost,
-            overflowed,
-            ..NodeHealth::default()
+            lost: ear.lost(),
+            overflowed: ear.overflowed(),
         };
         self.say(now, &topics::NODE_HEALTH, &health);
     }

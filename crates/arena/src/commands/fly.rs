@@ -10,9 +10,14 @@ use std::time::Duration;
 use clap::Args;
 use front_door::supervisor::{Console, Screen};
 use quantity::{Span, Time};
-use schemas::{FlipPhase, NodeEvent, OrderKind, Severity, topics};
-use service_core::{AnyNode, Node, Observer, Published};
-use service_shell::{BusReceiver, BusSender, DomainOption, Listen, Options, Setup, ShellError, Stop, clock};
+use schemas::{
+    FlightMode, FlipPhase, NodeEvent, OrderKind, Severity, StopKind, StopOrder, Topic, VehicleTelemetry,
+    topics,
+};
+use service_core::{AnyNode, Identity, Node, Observer, Published, Publisher, source_of};
+use service_shell::{
+    BusReceiver, BusSender, DomainOption, Listen, Options, Setup, ShellError, Stop, clock, program_digest,
+};
 use tokio::time::MissedTickBehavior;
 
 use super::Failure;
@@ -32,8 +37,8 @@ pub struct Arguments {
     /// Hover at the scenario's places, without flipping
     #[arg(long)]
     hover: bool,
-    /// Give the order again where vehicles came down before their work was done: for a simulated arena, in which nobody
-    /// stands beside the net
+    /// Give the order again where vehicles came down before their work was done, and release those that landed because
+    /// nobody commanded them: for a simulated arena, in which nobody stands beside the net. An emergency stop holds
     #[arg(long)]
     again: bool,
     #[command(flatten)]
@@ -80,17 +85,26 @@ struct Flight {
     again: bool,
     observer: Observer,
     work: Work,
+    landed: Landed,
+    releases: Publisher,
 }
 
 impl Flight {
     fn begin(setup: &Setup, order: OrderKind, again: bool) -> Result<Self, ShellError> {
         let (network, domain, now) = (&setup.arena.network, setup.identity.domain, clock::now());
-        let node = Node::<Console>::new(&setup.arena, &setup.secret, setup.identity, now)?;
-        let receiver = BusReceiver::join(network, domain, Listen::Topics(node.topics_in()))?;
+        let mut node = Node::<Console>::new(&setup.arena, &setup.secret, setup.identity, now)?;
+        node.identify_program(program_digest());
+        let topics: Vec<&'static Topic> =
+            node.topics_in().iter().copied().chain([&topics::VEHICLE_TELEMETRY]).collect();
+        let receiver = BusReceiver::join(network, domain, Listen::Topics(&topics))?;
         let sender = BusSender::open(network, domain)?;
         let observer = Observer::new(&setup.secret, domain, setup.identity.run);
-        let work = Work::default();
-        let mut flight = Self { node, receiver, sender, order, ordered_at: now, again, observer, work };
+        // A source of its own: the node numbers its own messages.
+        let identity = Identity { source: source_of("arena fly"), ..setup.identity };
+        let releases = Publisher::new("arena", &setup.secret, identity);
+        let (work, landed) = (Work::default(), Landed::default());
+        let mut flight =
+            Self { node, receiver, sender, order, ordered_at: now, again, observer, work, landed, releases };
         flight.give(order);
         Ok(flight)
     }
@@ -123,18 +137,25 @@ impl Flight {
     }
 
     fn take(&mut self, count: usize) {
-        let Self { node, receiver, sender, observer, work, .. } = self;
+        let Self { node, receiver, sender, observer, work, landed, .. } = self;
         let mut say = |published: Published<'_>| sender.send(published.datagram);
         for index in 0..count {
             let datagram = receiver.datagram(index).bytes;
             // What is dropped, the node counts.
             let _ = node.receive(clock::now(), datagram, &mut say);
-            if let Ok(observed) = observer.observe(datagram)
-                && observed.verified
-                && observed.topic.name() == topics::NODE_EVENT.name
+            let Ok(observed) = observer.observe(datagram) else { continue };
+            if !observed.verified {
+                continue;
+            }
+            let name = observed.topic.name();
+            if name == topics::NODE_EVENT.name
                 && let Ok(event) = service_core::decode(observed.body)
             {
                 work.note(&event);
+            } else if name == topics::VEHICLE_TELEMETRY.name
+                && let Ok(report) = service_core::decode(observed.body)
+            {
+                landed.note(&report);
             }
         }
     }
@@ -146,6 +167,9 @@ impl Flight {
             node.wake(now, &mut |published: Published<'_>| sender.send(published.datagram));
         }
         screen.show(now, node.core_mut(), &[]);
+        if self.again && self.order != OrderKind::Land {
+            self.release(now);
+        }
         let since_order = now - self.ordered_at;
         if self.order == OrderKind::Land {
             let landed = since_order > HEARD_SPAN && self.node.core().all_down();
@@ -170,6 +194,40 @@ impl Flight {
             return None;
         }
         console.all_done().then_some(Ending::Finished)
+    }
+
+    /// Releases whoever landed by itself; the bridge repeats it, and so does the next tick.
+    fn release(&mut self, now: Time) {
+        let Self { sender, landed, releases, .. } = self;
+        for order in landed.releases() {
+            // Numbers and a time of this clock: there is nothing in it that could not be said.
+            let _ = releases.publish(now, &topics::STOP_ORDER, &order, &mut |published| {
+                sender.send(published.datagram);
+            });
+        }
+    }
+}
+
+/// Which vehicles keep their motors off since a landing that nobody ordered, and when each first said so.
+#[derive(Debug, Default)]
+struct Landed(BTreeMap<u8, Time>);
+
+impl Landed {
+    fn note(&mut self, report: &VehicleTelemetry) {
+        if report.mode == FlightMode::Landed {
+            self.0.entry(report.vehicle).or_insert(report.received_at);
+        } else {
+            self.0.remove(&report.vehicle);
+        }
+    }
+
+    /// As old as the report that they answer: an emergency stop that a person gave since is the later order, and holds.
+    fn releases(&self) -> impl Iterator<Item = StopOrder> {
+        self.0.iter().map(|(vehicle, given_at)| StopOrder {
+            kind: StopKind::Release,
+            vehicle: *vehicle,
+            given_at: *given_at,
+        })
     }
 }
 
@@ -201,6 +259,26 @@ mod tests {
     use reflect::Text;
 
     use super::*;
+
+    #[test]
+    fn who_landed_unordered_is_released_by_an_order_older_than_any_stop_since() {
+        let mut landed = Landed::default();
+        let mut report = |vehicle, mode, millis| {
+            let received_at = Time::ZERO + Span::from_millis(millis);
+            landed.note(&VehicleTelemetry { vehicle, mode, received_at, ..VehicleTelemetry::default() });
+            landed.releases().map(|order| (order.kind, order.vehicle, order.given_at)).collect::<Vec<_>>()
+        };
+        assert!(report(1, FlightMode::Descend, 10).is_empty());
+        let release = (StopKind::Release, 1, Time::ZERO + Span::from_millis(20));
+        assert_eq!(report(1, FlightMode::Landed, 20), [release]);
+        assert_eq!(report(1, FlightMode::Landed, 30), [release], "one landing, one order");
+        assert_eq!(
+            report(2, FlightMode::Stopped, 40),
+            [release],
+            "an emergency stop is a person's to release"
+        );
+        assert!(report(1, FlightMode::Disarmed, 50).is_empty());
+    }
 
     #[test]
     fn work_is_over_when_the_flip_managers_last_word_says_so() {

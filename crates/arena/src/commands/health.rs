@@ -18,6 +18,10 @@ const DEFAULT_PATIENCE_S: u64 = 4;
 pub struct Arguments {
     /// The service; none asks only whether there is a run to join: settings, a secret and a run's id
     service: Option<String>,
+    /// It may have nothing to do: what it says of itself is progress enough. A bridge makes steps only while its device
+    /// sends
+    #[arg(long)]
+    may_idle: bool,
     /// How long to listen
     #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_PATIENCE_S,
         value_parser = clap::value_parser!(u64).range(1..=3600))]
@@ -26,14 +30,15 @@ pub struct Arguments {
     options: Options,
 }
 
-/// Runs the command: exit code 0 where the service's count of steps rises, 1 where it does not.
+/// Runs the command: exit code 0 where the service's count of steps (of messages, if it may idle) rises, 1 where it does
+/// not.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     service_shell::init_logging(&arguments.options.log);
     let setup = Setup::load("arena", &arguments.options.joining())?;
     let Some(service) = &arguments.service else {
         return Ok(ExitCode::SUCCESS);
     };
-    let mut progress = Progress::default();
+    let mut progress = Progress::new(arguments.may_idle);
     let patience = Duration::from_secs(arguments.patience);
     let listened = service_shell::block_on(async {
         let listening = listen(&setup, service, &mut progress);
@@ -45,7 +50,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     match progress.last {
         None => eprintln!("{service}: not heard for {} s", arguments.patience),
-        Some(health) => eprintln!("{service}: no progress, at {} steps", health.steps),
+        Some(health) => {
+            eprintln!("{service}: no progress, at {} steps and {} messages", health.steps, health.published);
+        }
     }
     Ok(ExitCode::FAILURE)
 }
@@ -53,17 +60,22 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 /// What a node's accounts of itself come to.
 #[derive(Debug, Default)]
 struct Progress {
+    may_idle: bool,
     last: Option<NodeHealth>,
     made: bool,
 }
 
 impl Progress {
+    fn new(may_idle: bool) -> Self {
+        Self { may_idle, ..Self::default() }
+    }
+
     /// A count compares only with an earlier one of the same start.
     fn note(&mut self, health: NodeHealth) {
-        self.made |= self
-            .last
-            .as_ref()
-            .is_some_and(|last| last.started_at == health.started_at && last.steps < health.steps);
+        self.made |= self.last.as_ref().is_some_and(|last| {
+            let works = last.steps < health.steps || (self.may_idle && last.published < health.published);
+            last.started_at == health.started_at && works
+        });
         self.last = Some(health);
     }
 }
@@ -95,10 +107,17 @@ mod tests {
         NodeHealth { started_at: Time::ZERO + Span::from_secs(start_s), steps, ..NodeHealth::default() }
     }
 
-    fn progress(accounts: &[NodeHealth]) -> bool {
-        let mut progress = Progress::default();
+    fn idle(start_s: i64, published: u64) -> NodeHealth {
+        NodeHealth { published, ..account(start_s, 1) }
+    }
+
+    fn made(mut progress: Progress, accounts: &[NodeHealth]) -> bool {
         accounts.iter().cloned().for_each(|account| progress.note(account));
         progress.made
+    }
+
+    fn progress(accounts: &[NodeHealth]) -> bool {
+        made(Progress::new(false), accounts)
     }
 
     #[test]
@@ -108,5 +127,14 @@ mod tests {
         assert!(!progress(&[account(1, 10), account(1, 10)]), "it hangs");
         assert!(!progress(&[account(1, 10), account(2, 11)]), "it was started again");
         assert!(progress(&[account(1, 10), account(2, 3), account(2, 4)]));
+    }
+
+    #[test]
+    fn whoever_may_idle_makes_progress_by_what_it_says() {
+        let progress = |accounts: &[NodeHealth]| made(Progress::new(true), accounts);
+        assert!(progress(&[idle(1, 10), idle(1, 11)]));
+        assert!(!progress(&[idle(1, 10)]) && !progress(&[idle(1, 10), idle(1, 10)]), "it says nothing new");
+        assert!(!progress(&[idle(1, 10), idle(2, 11)]), "it was started again");
+        assert!(!made(Progress::new(false), &[idle(1, 10), idle(1, 11)]), "others have steps to make");
     }
 }

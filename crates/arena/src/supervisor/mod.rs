@@ -19,7 +19,7 @@ use schemas::OrderKind;
 use service_core::{AnyNode, Identity, Node, Published};
 use service_shell::{
     BusReceiver, BusSender, DEFAULT_SETTINGS_FILE, DomainOption, LIVE_SETTINGS_FILE, Listen, Options, Setup,
-    ShellError, clock, incarnation_now, run_file_of,
+    ShellError, clock, incarnation_now, program_digest, run_file_of,
 };
 use settings::Arena;
 use thiserror::Error;
@@ -226,6 +226,7 @@ impl LiveArena {
         if equipment == Equipment::Real {
             console.fall_silent();
         }
+        node.identify_program(program_digest());
         let receiver = BusReceiver::join(network, setup.identity.domain, Listen::Topics(node.topics_in()))?;
         let sender = BusSender::open(network, setup.identity.domain)?;
         Ok(Self {

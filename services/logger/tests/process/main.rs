@@ -11,7 +11,10 @@ use std::process::Command;
 
 use recording::{Recording, Selection};
 use rig::Rig;
-use wire::Kind;
+use schemas::{NodeHealth, topics};
+use service_core::Observer;
+use service_shell::{BusReceiver, Listen, block_on};
+use wire::{Domain, Kind, Secret};
 
 /// The numbers of a topic's messages, in the order of the recording.
 fn numbers(recording: &Recording, topic: &str) -> Vec<u64> {
@@ -141,6 +144,31 @@ fn a_snapshot_keeps_the_last_seconds_and_writes_them_when_asked() {
 fn catches_usr1(status: &str) -> bool {
     let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap_or("0");
     u64::from_str_radix(caught.trim(), 16).is_ok_and(|mask| mask & (1 << 9) != 0)
+}
+
+#[test]
+fn its_account_names_its_program_and_its_writers_turns_rise() {
+    let rig = Rig::new("account", 6);
+    let mut observer = Observer::new(&Secret::new(rig::SECRET), Domain::Sim, rig::RUN);
+    let mut accounts: Vec<NodeHealth> = Vec::new();
+    block_on(async {
+        let listen = Listen::Topics(&[&topics::NODE_HEALTH]);
+        let mut receiver = BusReceiver::join(&rig.arena.network, Domain::Sim, listen)?;
+        let logger = rig.logger("flight.mcap");
+        while accounts.len() < 2 {
+            let batch = tokio::time::timeout(rig::PATIENCE, receiver.next_batch()).await;
+            for index in 0..batch.expect("the logger gives no account")? {
+                let observed = observer.observe(receiver.datagram(index).bytes).unwrap();
+                assert!(observed.verified && observed.topic.name() == topics::NODE_HEALTH.name);
+                accounts.push(service_core::decode(observed.body).unwrap());
+            }
+        }
+        assert!(logger.end());
+        Ok(())
+    })
+    .unwrap();
+    assert!(accounts.iter().all(|account| account.node.as_str() == "logger" && account.program_digest != 0));
+    assert!(accounts.is_sorted_by_key(|account| account.steps) && accounts[0].steps < accounts[1].steps);
 }
 
 #[test]

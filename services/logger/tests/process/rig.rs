@@ -14,9 +14,10 @@ use wire::{Domain, Header, Kind, Role, Secret, SigningKey, TopicName};
 
 /// The run of every rig.
 pub const RUN: u64 = 0x5eed;
-const SECRET: [u8; 32] = [7; 32];
+/// The secret of every rig.
+pub const SECRET: [u8; 32] = [7; 32];
 /// Only how long to wait before giving up.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Settings, a secret and a folder.
 pub struct Rig {
