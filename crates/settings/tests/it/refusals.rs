@@ -491,7 +491,9 @@ fn vehicles_that_cannot_be_told_apart_are_refused() {
         "scenarios/fleet.toml",
         "file",
         "file = \"v99\"",
-        expect![[r#"config/scenarios/fleet.toml: vehicle.file = "v99", but there is only cf1, v01, v02, v03, v04, v05, v06, v07, v08, v09, v10, v11"#]],
+        expect![[
+            r#"config/scenarios/fleet.toml: vehicle.file = "v99", but there is only cf1, v01, v02, v03, v04, v05, v06, v07, v08, v09, v10, v11"#
+        ]],
     );
 }
 
