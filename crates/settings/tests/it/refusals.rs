@@ -406,6 +406,14 @@ fn a_device_that_cannot_be_there_is_refused() {
         ],
     );
     network(
+        "device-same",
+        "udp://127.0.0.1:52000",
+        "udp://127.0.0.1:51001",
+        expect![
+            "config/network.toml: devices.data_link.url = udp://127.0.0.1:51001 does not go with devices.motion_capture.url = udp://127.0.0.1:51001: two devices cannot be in one place"
+        ],
+    );
+    network(
         "device-pair",
         "udp://127.0.0.1:52100",
         "udp://127.0.0.1:51000",
