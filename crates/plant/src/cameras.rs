@@ -1,5 +1,5 @@
 //! The motion-capture system: 200 exposures a second, noise, latency, and the vendor's datagrams, Vicon's here
-//! and OptiTrack's in [`natnet_server`](crate::natnet_server).
+//! and OptiTrack's in `natnet_server`.
 
 use device::vicon::{self, NAME_BYTES, Object};
 use quantity::{Body, Rotation, Span, Time, Vector};
