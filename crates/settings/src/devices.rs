@@ -215,6 +215,16 @@ impl Devices {
             ("devices.motion_capture.url".to_owned(), self.motion_capture.url.clone()),
             ("devices.data_link.url".to_owned(), self.data_link.url.clone()),
         ];
+        if taken[0].1 == taken[1].1 {
+            return Err(ConfigError::Contradiction {
+                file: file.to_owned(),
+                key: taken[1].0.clone(),
+                value: taken[1].1.to_string(),
+                other_key: taken[0].0.clone(),
+                other_value: taken[0].1.to_string(),
+                reason: "two devices cannot be in one place".to_owned(),
+            });
+        }
         for member in fleet {
             let id = member.vehicle.id;
             let (key, pattern) = self.pattern_of(member.vehicle.links.radio);

@@ -406,6 +406,14 @@ fn a_device_that_cannot_be_there_is_refused() {
         ],
     );
     network(
+        "device-same",
+        "udp://127.0.0.1:52000",
+        "udp://127.0.0.1:51001",
+        expect![
+            "config/network.toml: devices.data_link.url = udp://127.0.0.1:51001 does not go with devices.motion_capture.url = udp://127.0.0.1:51001: two devices cannot be in one place"
+        ],
+    );
+    network(
         "device-pair",
         "udp://127.0.0.1:52100",
         "udp://127.0.0.1:51000",
@@ -491,7 +499,9 @@ fn vehicles_that_cannot_be_told_apart_are_refused() {
         "scenarios/fleet.toml",
         "file",
         "file = \"v99\"",
-        expect![[r#"config/scenarios/fleet.toml: vehicle.file = "v99", but there is only cf1, v01, v02, v03, v04, v05, v06, v07, v08, v09, v10, v11"#]],
+        expect![[
+            r#"config/scenarios/fleet.toml: vehicle.file = "v99", but there is only cf1, v01, v02, v03, v04, v05, v06, v07, v08, v09, v10, v11"#
+        ]],
     );
 }
 
