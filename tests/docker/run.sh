@@ -61,22 +61,28 @@ arena() {
     timeout "$1" docker exec --env FLYARENA_SETTINGS_FILE=.flyarena/settings.toml "$(container run)" /arena "${@:2}"
 }
 
+# Takes everything back that an engine was given that goes on.
+leave_engine() {
+    local profile
+    for profile in before_hardware replayed simulated; do
+        "$profile"
+        compose down --volumes --remove-orphans --timeout 2 >/dev/null 2>&1 || true
+    done
+    if [ "$image" != flyarena-test ]; then return 0; fi
+    # Stages that were built, too: they have no names.
+    { sed -n 's/^ ---> \([0-9a-f]\{12\}\)$/\1/p' "$work/build.log" 2>/dev/null | tac; echo "$image"; echo "$builder"; } \
+        | xargs docker image rm >/dev/null 2>&1 || true
+}
+
 clean_up() {
     local code=$?
     trap '' INT TERM HUP
     if [ -n "$watcher" ]; then kill "$watcher" 2>/dev/null || true; fi
-    if docker info >/dev/null 2>&1; then
-        local profile
-        for profile in before_hardware replayed simulated; do
-            "$profile"
-            compose down --volumes --remove-orphans --timeout 2 >/dev/null 2>&1 || true
-        done
-        # What our own engine has goes with it.
-        if [ "$image" = flyarena-test ] && [ -z "$engine" ]; then
-            # Stages that were built, too: they have no names.
-            { sed -n 's/^ ---> \([0-9a-f]\{12\}\)$/\1/p' "$work/build.log" 2>/dev/null | tac; echo "$image"; echo "$builder"; } \
-                | xargs docker image rm >/dev/null 2>&1 || true
-        fi
+    if [ -n "$engine" ]; then
+        # Networks, volumes and images go with it; for a container it would wait.
+        docker ps --quiet | xargs --no-run-if-empty docker kill >/dev/null 2>&1 || true
+    elif docker info >/dev/null 2>&1; then
+        leave_engine
     fi
     end_engine
     rm --recursive --force "$work"
