@@ -12,7 +12,7 @@ use crate::common::arena;
 fn fly(scenario: &str, seed: u64, iterations: Option<u32>) -> Flown {
     let mut settings = arena(scenario);
     if let Some(iterations) = iterations {
-        settings.scenario.flip.iterations = iterations;
+        settings.scenario.flip.as_mut().unwrap().iterations = iterations;
     }
     learn(&settings, seed, &mut ()).unwrap()
 }

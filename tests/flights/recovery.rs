@@ -48,7 +48,7 @@ fn a_flip_lies_in_the_vertical_plane_of_any_heading() {
     for heading_rad in [0.7, -2.2, 1.6] {
         let mut settings = arena("double-flip");
         settings.fleet[0].part.heading_rad = heading_rad;
-        settings.scenario.flip.iterations = 25;
+        settings.scenario.flip.as_mut().unwrap().iterations = 25;
         let flown = learn(&settings, 5, &mut ()).unwrap();
         let norms: Vec<f64> =
             flown.report.vehicles[0].iterations.iter().map(|flip| flip.true_error.norm()).collect();

@@ -43,7 +43,7 @@ fn main() {
     let iterations = std::env::args().skip(1).find_map(|word| word.parse().ok()).unwrap_or(129);
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
     let mut arena = Arena::load(&config, "double-flip").expect("the settings of the repository");
-    arena.scenario.flip.iterations = iterations;
+    arena.scenario.flip.as_mut().expect("a flip").iterations = iterations;
 
     let started = Instant::now();
     let flown = experiment::learn(&arena, 1, &mut ()).expect("settings that fly");

@@ -34,7 +34,7 @@ fn main() {
     let flips = std::env::args().find_map(|argument| argument.parse().ok()).unwrap_or(20);
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
     let mut settings = Arena::load(&folder, "double-flip").unwrap();
-    settings.scenario.flip.iterations = flips;
+    settings.scenario.flip.as_mut().expect("a flip").iterations = flips;
 
     let started = Instant::now();
     let flown = experiment::learn(&settings, 1, &mut ()).unwrap();

@@ -130,7 +130,8 @@ pub fn learn(arena: &Arena, seed: u64, observer: &mut dyn Observer) -> Result<Fl
     let start = flying.now();
     flying.plant_mut().record_trajectories(true);
     let mut log = Log::new(arena, start);
-    let limit = FLIP_TIME_MAX * i64::from(arena.scenario.flip.iterations + 2);
+    let flips = arena.scenario.flip.as_ref().map_or(0, |flip| flip.iterations);
+    let limit = FLIP_TIME_MAX * i64::from(flips + 2);
     while !log.all_done() && flying.elapsed() < limit {
         flying.run_for(ROUND, &mut |heard| log.hear(&heard, observer));
         log.maneuvers.append(&mut flying.take_maneuvers());

@@ -61,7 +61,7 @@ pub fn planar_model(member: &FleetVehicle) -> Model {
 
 /// The model's own flip with its own P0; nothing where the design has none.
 fn model_view(arena: &Arena, member: &FleetVehicle) -> Option<SideView> {
-    let flip = &arena.scenario.flip;
+    let flip = arena.scenario.flip.as_ref()?;
     let model = planar_model(member);
     let design = FlipDesign {
         flips: flip.flips,

@@ -174,6 +174,9 @@ impl Arena {
                     ),
                 ]
                 .into_iter()
+                .filter(|(key, ..)| {
+                    *key != "links.data_address" || one.vehicle.flips() && other.vehicle.flips()
+                })
                 .find(|(_, a, b)| a == b);
                 if let Some((key, value, other_value)) = clash {
                     return Err(ConfigError::Contradiction {

@@ -52,7 +52,10 @@ fn check_inside(hall: &Hall, file: &str, part: &ScenarioVehicle) -> Result<(), C
 /// Gyros at their end of range would hide from the rate loop how fast the vehicle turns.
 fn check_gyros(arena: &Arena, file: &str, member: &FleetVehicle) -> Result<(), ConfigError> {
     let gyro = &member.vehicle.plant.gyro;
-    let flown = arena.scenario.flip.flown_rate_rad_s;
+    let flown = match &arena.scenario.flip {
+        Some(flip) if member.vehicle.flips() => flip.flown_rate_rad_s,
+        _ => return Ok(()),
+    };
     if flown < gyro.range_rad_s {
         return Ok(());
     }

@@ -1,4 +1,4 @@
-//! A scenario: which vehicles learn what, from where.
+//! A scenario: which vehicles learn what, or hover, and where.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,8 +14,9 @@ const RATE_RATIO_MAX: f64 = 2.0;
 pub struct Scenario {
     /// One line for lists and logs.
     pub description: String,
-    /// What is learned.
-    pub flip: FlipSettings,
+    /// What is learned; without it, the vehicles hover at their places.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flip: Option<FlipSettings>,
     /// The vehicles and their places.
     #[serde(rename = "vehicle")]
     pub vehicles: Vec<ScenarioVehicle>,
@@ -49,11 +50,11 @@ pub struct ScenarioVehicle {
     pub start_x_m: f64,
     /// Where it takes off, world y.
     pub start_y_m: f64,
-    /// Where its flips begin, world x.
+    /// Where its flips begin, or it hovers, world x.
     pub place_x_m: f64,
-    /// Where its flips begin, world y.
+    /// Where its flips begin, or it hovers, world y.
     pub place_y_m: f64,
-    /// Where its flips begin, world z.
+    /// Where its flips begin, or it hovers, world z.
     pub place_z_m: f64,
     /// Heading of its body x axis: the flip lies in the vertical plane of this heading.
     pub heading_rad: f64,
@@ -61,7 +62,14 @@ pub struct ScenarioVehicle {
 
 impl Scenario {
     pub(crate) fn check(&self, file: &str) -> Result<(), ConfigError> {
-        let flip = &self.flip;
+        in_range(file, "vehicle (how many)", self.vehicles.len() as f64, 1.0, 16.0)?;
+        self.flip.as_ref().map_or(Ok(()), |flip| flip.check(file))
+    }
+}
+
+impl FlipSettings {
+    fn check(&self, file: &str) -> Result<(), ConfigError> {
+        let flip = self;
         in_range(file, "flip.flips", f64::from(flip.flips), 1.0, 10.0)?;
         in_range(file, "flip.design_rate_rad_s", flip.design_rate_rad_s, 5.0, 60.0)?;
         in_range(file, "flip.flown_rate_rad_s", flip.flown_rate_rad_s, 5.0, 60.0)?;
@@ -79,7 +87,6 @@ impl Scenario {
         )?;
         in_range(file, "flip.envelope_margin_ratio", flip.envelope_margin_ratio, 0.0, 0.4)?;
         in_range(file, "flip.step_size_ratio", flip.step_size_ratio, 1e-3, 1.0)?;
-        in_range(file, "flip.iterations", f64::from(flip.iterations), 1.0, 100_000.0)?;
-        in_range(file, "vehicle (how many)", self.vehicles.len() as f64, 1.0, 16.0)
+        in_range(file, "flip.iterations", f64::from(flip.iterations), 1.0, 100_000.0)
     }
 }

@@ -8,6 +8,12 @@ use crate::read::{at_most, in_range};
 
 /// The greatest 16-bit address of a data-link radio: above are those for "none" and for everybody.
 const ADDRESS_MAX: u16 = 0xfffd;
+/// The address of a vehicle that has no data-link radio.
+const NO_ADDRESS: u16 = 0xfffe;
+/// Part of the greatest thrust that a Crazyflie's hover may take: the rest is what it turns and climbs with.
+const HOVER_THRUST_RATIO_MAX: f64 = 0.8;
+/// Standard gravity.
+const GRAVITY_M_S2: f64 = 9.81;
 
 /// One vehicle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -108,7 +114,8 @@ pub struct Links {
     /// What it listens to.
     #[serde(default)]
     pub radio: Radio,
-    /// 16-bit address of the vehicle's data-link radio.
+    /// 16-bit address of the vehicle's data-link radio; a Crazyflie has none.
+    #[serde(default = "no_address")]
     pub data_address: u16,
     /// From a radio slot to the vehicle acting on its frame, until the bridge has measured it.
     pub command_delay_s: f64,
@@ -128,7 +135,43 @@ pub struct Battery {
     pub hover_sag_v: f64,
 }
 
+const fn no_address() -> u16 {
+    NO_ADDRESS
+}
+
 impl Vehicle {
+    /// Whether it flies flips: a Crazyflie has no store for their parameters.
+    #[must_use]
+    pub const fn flips(&self) -> bool {
+        matches!(self.links.radio, Radio::Pair)
+    }
+
+    /// Collective acceleration at full thrust of all four rotors.
+    #[must_use]
+    pub fn collective_m_s2_max(&self) -> f64 {
+        4.0 * self.rotor.thrust_n_max / self.airframe.mass_kg
+    }
+
+    /// A Crazyflie's thrust is told in parts of its greatest: a hover must leave something of it.
+    fn check_crazyflie(&self, file: &str) -> Result<(), ConfigError> {
+        if self.links.data_address != NO_ADDRESS {
+            return Err(ConfigError::Contradiction {
+                file: file.to_owned(),
+                key: "links.data_address".to_owned(),
+                value: self.links.data_address.to_string(),
+                other_key: "links.radio".to_owned(),
+                other_value: "crazyradio".to_owned(),
+                reason: "a Crazyflie has no data-link radio".to_owned(),
+            });
+        }
+        at_most(
+            file,
+            ("airframe.mass_kg times gravity", self.airframe.mass_kg * GRAVITY_M_S2),
+            HOVER_THRUST_RATIO_MAX,
+            ("rotor.thrust_n_max times four", 4.0 * self.rotor.thrust_n_max),
+        )
+    }
+
     pub(crate) fn check(&self, file: &str) -> Result<(), ConfigError> {
         in_range(file, "id", f64::from(self.id), 1.0, 254.0)?;
         in_range(file, "airframe.mass_kg", self.airframe.mass_kg, 0.01, 20.0)?;
@@ -155,13 +198,16 @@ impl Vehicle {
         for trim in self.rate_loop.trim_ratio {
             in_range(file, "rate_loop.trim_ratio", trim, 0.5, 1.5)?;
         }
-        in_range(
-            file,
-            "links.data_address",
-            f64::from(self.links.data_address),
-            0.0,
-            f64::from(ADDRESS_MAX),
-        )?;
+        match self.links.radio {
+            Radio::Pair => in_range(
+                file,
+                "links.data_address",
+                f64::from(self.links.data_address),
+                0.0,
+                f64::from(ADDRESS_MAX),
+            )?,
+            Radio::Crazyradio => self.check_crazyflie(file)?,
+        }
         in_range(file, "links.command_delay_s", self.links.command_delay_s, 0.0, 0.2)?;
         in_range(file, "links.mocap_latency_s", self.links.mocap_latency_s, 0.0, 0.2)?;
         in_range(file, "battery.land_v_min", self.battery.land_v_min, 1.0, 60.0)?;

@@ -6,6 +6,8 @@
 //! inside `bounds`, and only as far as flights on deliberately wrong models allow (`check`). What goes wrong
 //! several times in a row stops the learning until a person has looked (`streaks`).
 //!
+//! Where a scenario has no flip, and for a vehicle that flies none, there is nothing to learn.
+//!
 //! Nothing here knows the simulated vehicle's equations: a learner that shared them would prove nothing.
 
 mod bounds;
@@ -66,21 +68,17 @@ impl Core for Learner {
         tuning.check(arena)?;
         let mut plans: Vec<Plan> = Vec::new();
         let mut vehicles = Vec::with_capacity(arena.fleet.len());
-        for member in &arena.fleet {
+        let flying =
+            arena.scenario.flip.as_ref().map(|flip| arena.fleet.iter().map(move |member| (flip, member)));
+        for (flip, member) in flying.into_iter().flatten().filter(|(_, member)| member.vehicle.flips()) {
             let vehicle = &member.vehicle;
             let plan = match plans.iter().find(|plan| plan.fits(vehicle)) {
                 Some(plan) => plan.clone(),
-                None => Plan::new(arena, vehicle)?,
+                None => Plan::new(arena, flip, vehicle)?,
             };
             plans.push(plan.clone());
             let room = Room::new(&arena.hall, member, &tuning.check);
-            vehicles.push(VehicleLearning::new(
-                vehicle.id,
-                plan,
-                room,
-                arena.scenario.flip.iterations,
-                &tuning,
-            ));
+            vehicles.push(VehicleLearning::new(vehicle.id, plan, room, flip.iterations, &tuning));
         }
         Ok(Self { tuning, vehicles, has_spoken: false, next_word_at: start.at })
     }

@@ -4,7 +4,7 @@ use maneuver::{
     Discretisation, Envelope, FinalError, FlipDesign, Integral, Model, Parameters, SolveError, solve,
 };
 use nalgebra::{SMatrix, SVector};
-use settings::{Arena, ConfigError, Vehicle};
+use settings::{Arena, ConfigError, FlipSettings, Vehicle};
 
 /// Model, design and corrective matrix of one kind of vehicle.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,15 +26,14 @@ impl Plan {
     ///
     /// # Errors
     /// The settings make no flip, or one that the model cannot fly inside the envelope.
-    pub(crate) fn new(arena: &Arena, vehicle: &Vehicle) -> Result<Self, ConfigError> {
-        let flip = &arena.scenario.flip;
+    pub(crate) fn new(arena: &Arena, flip: &FlipSettings, vehicle: &Vehicle) -> Result<Self, ConfigError> {
         let model = model(vehicle);
         let margin = flip.envelope_margin_ratio;
         let envelope = Envelope::with_margin(&model, margin)
             .map_err(|error| malformed(arena, &format!("flip.envelope_margin_ratio = {margin}: {error}")))?;
         let designed = FlipDesign { flips: flip.flips, rate_rad_s_max: flip.design_rate_rad_s, envelope };
         let solution = solve(&model, &designed, Discretisation::Continuous)
-            .map_err(|error| unsolved(arena, &vehicle.subject, error))?;
+            .map_err(|error| unsolved(arena, flip, &vehicle.subject, error))?;
         let jacobian = SMatrix::<f64, 5, 5>::from_fn(|row, column| solution.jacobian[row][column]);
         let inverse = jacobian
             .try_inverse()
@@ -89,8 +88,7 @@ fn malformed(arena: &Arena, reason: &str) -> ConfigError {
     ConfigError::Malformed { file: scenario_file(arena), reason: reason.to_owned() }
 }
 
-fn unsolved(arena: &Arena, subject: &str, error: SolveError) -> ConfigError {
-    let flip = &arena.scenario.flip;
+fn unsolved(arena: &Arena, flip: &FlipSettings, subject: &str, error: SolveError) -> ConfigError {
     match error {
         SolveError::Infeasible(infeasible) => ConfigError::Contradiction {
             file: scenario_file(arena),

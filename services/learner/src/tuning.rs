@@ -162,9 +162,9 @@ impl Tuning {
         ] {
             in_range("services.toml", &format!("[learner] {key}"), value, min, max)?;
         }
+        let Some(flip) = &arena.scenario.flip else { return Ok(()) };
         let file = format!("scenarios/{}.toml", arena.name);
-        let flown_rad_s = arena.scenario.flip.flown_rate_rad_s;
-        in_range(&file, "flip.flown_rate_rad_s", flown_rad_s, 0.0, bounds.rate_rad_s_max)
+        in_range(&file, "flip.flown_rate_rad_s", flip.flown_rate_rad_s, 0.0, bounds.rate_rad_s_max)
     }
 }
 

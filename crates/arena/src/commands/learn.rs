@@ -13,7 +13,7 @@ use front_door::report::{FlipReport, LearnReport};
 use front_door::virtual_recording::VirtualRecording;
 use quantity::Span;
 use schemas::{NodeEvent, Severity};
-use settings::Arena;
+use settings::{Arena, ConfigError};
 use virtual_arena::{Heard, VirtualArena};
 
 use super::Failure;
@@ -135,9 +135,13 @@ impl Observer for Progress<'_> {
 /// Runs the command: exit code 1 where a vehicle's learning stopped before its time.
 pub fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut arena = Arena::load(&arguments.config, &arguments.scenario)?;
-    if let Some(iterations) = arguments.iterations {
-        arena.scenario.flip.iterations = iterations;
-    }
+    let Some(flip) = &mut arena.scenario.flip else {
+        let reason =
+            "it has no [flip]: its vehicles hover, and there is nothing to learn (arena up flies it)";
+        let file = format!("scenarios/{}.toml", arguments.scenario);
+        return Err(ConfigError::Malformed { file, reason: reason.to_owned() }.into());
+    };
+    flip.iterations = arguments.iterations.unwrap_or(flip.iterations);
     if let Some(seeds) = arguments.seeds {
         return super::seeds::run(&arena, arguments.seed..arguments.seed + seeds, arguments.json);
     }

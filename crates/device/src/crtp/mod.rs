@@ -8,6 +8,7 @@
 //! | Port, channel | Packet |
 //! | --- | --- |
 //! | 0, 0 | console text |
+//! | 5 | the log: what a vehicle can report, and its reports ([`LogRequest`], [`LogReply`]) |
 //! | 6, 0 and 6, 1 id 8 | where motion capture sees the vehicle: position, or pose |
 //! | 6, 1 ids 3, 4 | emergency stop and its watchdog, for firmware before 2025 |
 //! | 7, 0 | setpoints by id: 0 stop, 7 position, 10 hover, 11 manual ([`Setpoint`]) |
@@ -19,6 +20,7 @@
 //! A Crazyflie that hears no setpoint for half a second levels, and after two it cuts its motors. Everything
 //! else here is [`Packet::Other`].
 
+mod log;
 mod setpoint;
 mod supervisor;
 
@@ -26,6 +28,9 @@ use core::fmt;
 
 use quantity::{Body, Rotation, Vector, World};
 
+pub use log::{
+    LOG_VALUE_BYTES_MAX, LOG_VARIABLES_MAX, LogOrder, LogReply, LogRequest, LogType, LogVariables, log_error,
+};
 pub use setpoint::Setpoint;
 pub use supervisor::{Supervisor, SupervisorState};
 
@@ -323,6 +328,17 @@ fn read_pose(data: &[u8]) -> Option<ExternalPose> {
     let mut reader = Reader::new(data);
     let pose = ExternalPose { position_m: reader.f32s()?, orientation_xyzw: reader.f32s()? };
     reader.rest().is_empty().then_some(pose)
+}
+
+/// Writes a packet of the data, port and channel that `write` gives, and answers its length.
+fn write_packet(out: &mut [u8], write: impl FnOnce(&mut Writer<'_>) -> (u8, u8)) -> Result<usize, CrtpError> {
+    let mut data = [0; DATA_BYTES_MAX];
+    let mut writer = Writer::new(&mut data);
+    let (port, channel) = write(&mut writer);
+    let length = writer.finish().ok_or(CrtpError::TooLong { bytes: DATA_BYTES_MAX + 1 })?;
+    let mut writer = Writer::new(out);
+    writer.u8((port << 4) | HEADER_BITS | channel).bytes(&data[..length]);
+    writer.finish().ok_or(CrtpError::NoRoom)
 }
 
 /// What `read` takes, if that is all there is.

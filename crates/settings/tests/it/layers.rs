@@ -118,7 +118,8 @@ fn a_scenario_may_inherit_another() {
     let folder = Folder::new("inherit-scenario");
     folder.write("scenarios/short.toml", "inherit = \"double-flip.toml\"\n[flip]\niterations = 3\n");
     let (short, whole) = (folder.load("short").unwrap(), folder.load("double-flip").unwrap());
-    assert_eq!(short.scenario.flip.iterations, 3);
+    let flips = [&short, &whole].map(|arena| arena.scenario.flip.clone().unwrap());
+    assert_eq!(flips[0].iterations, 3);
     assert_eq!(short.scenario.vehicles, whole.scenario.vehicles);
-    assert_eq!(short.scenario.flip.flips, whole.scenario.flip.flips);
+    assert_eq!(flips[0].flips, flips[1].flips);
 }

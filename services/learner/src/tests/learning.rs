@@ -24,7 +24,7 @@ fn the_figures_of_the_paper_converge_undistorted() {
         let norms = rig.learn(1000);
         let flips = flips_to_a_twentieth(&norms);
         assert!(flips <= flips_max, "{scenario}: {flips} flips");
-        assert_eq!(norms.len(), arena(scenario).scenario.flip.iterations as usize);
+        assert_eq!(norms.len(), arena(scenario).scenario.flip.unwrap().iterations as usize);
         assert_eq!(rig.word.verdict, LearnerVerdict::Finished);
         assert!(rig.events.is_empty(), "{scenario}: neither clamp nor check may act: {:?}", rig.events);
     }
@@ -53,7 +53,7 @@ fn a_triple_is_learned_as_far_off_as_the_updates_limits() {
         Deviation { gyro: 1.08, ..none },
     ] {
         let mut settings = arena("triple-flip");
-        settings.scenario.flip.iterations = 120;
+        settings.scenario.flip.as_mut().unwrap().iterations = 120;
         let mut rig = Rig::of(&settings, deviation, NO_NOISE, 1);
         let norms = rig.learn(120);
         assert!(flips_to_a_twentieth(&norms) <= 100, "{deviation:?}: {:?}", rig.word.reason);

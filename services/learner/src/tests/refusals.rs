@@ -144,14 +144,14 @@ fn the_papers_first_triple_flip_does_not_stop_the_learning() {
 #[test]
 fn a_flip_the_model_cannot_fly_is_a_wrong_setting() {
     let mut settings = arena("single-flip");
-    settings.scenario.flip.design_rate_rad_s = 1600f64.to_radians();
-    settings.scenario.flip.flown_rate_rad_s = 1600f64.to_radians();
+    settings.scenario.flip.as_mut().unwrap().design_rate_rad_s = 1600f64.to_radians();
+    settings.scenario.flip.as_mut().unwrap().flown_rate_rad_s = 1600f64.to_radians();
     settings.fleet[0].vehicle.rate_loop.integral = settings::Integral::Literal;
     let error = built(&settings).unwrap_err();
     assert!(matches!(error, ConfigError::Contradiction { .. }));
     assert!(error.to_string().contains("least residual 0.2"), "{error}");
     let mut settings = arena("double-flip");
-    settings.scenario.flip.flown_rate_rad_s = 1801f64.to_radians();
+    settings.scenario.flip.as_mut().unwrap().flown_rate_rad_s = 1801f64.to_radians();
     assert!(matches!(built(&settings).unwrap_err(), ConfigError::OutOfRange { .. }));
 }
 
@@ -225,7 +225,7 @@ proptest! {
         step_size in 0.05..1.0f64,
     ) {
         let mut settings = arena("double-flip");
-        settings.scenario.flip.step_size_ratio = step_size;
+        settings.scenario.flip.as_mut().unwrap().step_size_ratio = step_size;
         let mut rig = Rig::of(&settings, Deviation::NONE, NO_NOISE, 1);
         for (outcome, error, ahead, wrong) in results {
             rig.word.iteration += ahead;

@@ -58,7 +58,7 @@ impl Rig {
             settings::Integral::Conditional => Integral::Conditional,
         };
         let model = Model { integral, ..Model::TABLE_I };
-        let flip = &arena.scenario.flip;
+        let flip = arena.scenario.flip.as_ref().unwrap();
         let envelope = Envelope::with_margin(&model, flip.envelope_margin_ratio).expect("a good margin");
         let design = FlipDesign { flips: flip.flips, rate_rad_s_max: flip.flown_rate_rad_s, envelope };
         let mut rig = Self {
