@@ -1,7 +1,7 @@
 //! The firmware put together: one tick, three ways in, one way out.
 
 use device::sbus;
-use device::vehicle_link::{FlightMode, Reason, Status, StatusFlags, Uplink};
+use device::vehicle_link::{CommandFrame, FlightMode, Reason, Status, StatusFlags, Uplink};
 use maneuver::Setpoint;
 use quantity::{Body, GRAVITY_M_S2, Span, Time, Vector};
 
@@ -370,6 +370,11 @@ impl Firmware {
             self.counters.misaddressed += 1;
             return;
         }
+        self.receive_frame(now, frame);
+    }
+
+    /// A command frame that no channels carried.
+    pub fn receive_frame(&mut self, now: Time, frame: CommandFrame) {
         let in_maneuver = self.generator.is_running();
         if !self.supervisor.accept(now, frame, &self.own, &self.settings.failsafe) {
             self.counters.commands_repeated += 1;

@@ -14,7 +14,8 @@ pub enum Device {
     MotionCaptureGroup,
     /// The coordinator of the data link; outputs are pieces of its serial stream.
     DataLink,
-    /// The command-link encoder of that vehicle; outputs are pieces of its serial stream.
+    /// The command-link encoder of that vehicle, outputs being pieces of its serial stream; or the vehicle, where it is a
+    /// Crazyflie, each output being a packet.
     CommandLink(u8),
 }
 

@@ -116,7 +116,7 @@ impl Plant {
         }
     }
 
-    /// Bytes that a bridge hands to a device at `now`: to a vehicle's command-link encoder
+    /// Bytes that a bridge hands to a device at `now`: to a vehicle's command-link encoder or a Crazyflie
     /// ([`Ports::command_link`]), to the data link's coordinator ([`Ports::DATA_LINK`]) or to the motion-capture
     /// system ([`Ports::MOTION_CAPTURE`]). Other ports lead nowhere.
     pub fn receive(&mut self, now: Time, port: u16, bytes: &[u8]) {
@@ -127,7 +127,7 @@ impl Plant {
         } else if let Some(id) = Ports::vehicle_of_command_link(port) {
             let vehicle = self.vehicles.iter_mut().find(|vehicle| vehicle.id() == id);
             if let Some(vehicle) = vehicle {
-                vehicle.command_link.feed(now, bytes, &self.faults, &mut self.outputs);
+                vehicle.feed(now, bytes, &self.faults, &mut self.outputs);
             }
         }
     }
@@ -165,16 +165,22 @@ impl Plant {
         self.find(vehicle).map(SimulatedVehicle::extremes)
     }
 
-    /// A vehicle's firmware, to look at.
+    /// A vehicle's firmware, to look at; of a Crazyflie, its rate loops.
     #[must_use]
     pub fn firmware(&self, vehicle: u8) -> Option<&Firmware> {
         self.find(vehicle).map(SimulatedVehicle::firmware)
     }
 
-    /// What has become of the frames of a vehicle's command link.
+    /// Packets to a Crazyflie that said nothing it simulates; `None` for another vehicle.
+    #[must_use]
+    pub fn unused_packets(&self, vehicle: u8) -> Option<u64> {
+        self.find(vehicle).and_then(SimulatedVehicle::unused_packets)
+    }
+
+    /// What has become of the frames of a vehicle's command link, or of the packets to a Crazyflie.
     #[must_use]
     pub fn command_link_counts(&self, vehicle: u8) -> Option<LinkCounts> {
-        self.find(vehicle).map(|found| found.command_link.counts())
+        self.find(vehicle).map(SimulatedVehicle::command_link_counts)
     }
 
     /// What has become of a vehicle's payloads on the data link: to it, from it.

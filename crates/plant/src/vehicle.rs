@@ -4,15 +4,16 @@
 use device::vehicle_link::{FlightMode, ManeuverPhase, PAYLOAD_BYTES_MAX};
 use onboard::{Firmware, ImuSample, SettingsError};
 use quantity::{Body, GRAVITY_M_S2, Time, Vector};
-use settings::{FleetVehicle, Hall};
+use settings::{FleetVehicle, Hall, Radio};
 
 use crate::airframe::Airframe;
 use crate::clock::VehicleClock;
-use crate::command_link::CommandLink;
+use crate::command_link::{CommandLink, LinkCounts};
+use crate::crazyflie::Crazyflie;
 use crate::data_link::DataLink;
 use crate::faults::{Fault, Schedule};
 use crate::firmware_settings::firmware_settings;
-use crate::floor::Touchdown;
+use crate::floor::{Contact, Touchdown};
 use crate::imu::{Accelerometer, Gyro};
 use crate::output::Outputs;
 use crate::random::{Purpose, Stream};
@@ -40,8 +41,7 @@ pub(crate) struct SimulatedVehicle {
     airframe: Airframe,
     gyro: Gyro,
     accelerometer: Accelerometer,
-    firmware: Firmware,
-    pub(crate) command_link: CommandLink,
+    brain: Brain,
     motor_commands: [u8; ROTORS],
     hover_thrust_n: f64,
     touchdown: Option<Touchdown>,
@@ -50,6 +50,35 @@ pub(crate) struct SimulatedVehicle {
     recorder: Option<Recorder>,
     /// A fault has left its mark on the airframe.
     marked: bool,
+}
+
+/// What flies it.
+#[derive(Clone, Debug)]
+enum Brain {
+    /// The arena's own firmware, commanded over the command link.
+    Onboard(Box<(Firmware, CommandLink)>),
+    /// A Crazyflie.
+    Crazyflie(Box<Crazyflie>),
+}
+
+impl Brain {
+    fn new(member: &FleetVehicle, encoder: &settings::CommandLink, seed: u64) -> Result<Self, SettingsError> {
+        let vehicle = &member.vehicle;
+        Ok(match vehicle.links.radio {
+            Radio::Pair => Self::Onboard(Box::new((
+                Firmware::new(firmware_settings(vehicle, encoder.channel_bits))?,
+                CommandLink::new(vehicle.id, encoder, &vehicle.plant.command_link, seed),
+            ))),
+            Radio::Crazyradio => Self::Crazyflie(Box::new(Crazyflie::new(vehicle, seed)?)),
+        })
+    }
+
+    fn firmware(&self) -> &Firmware {
+        match self {
+            Self::Onboard(onboard) => &onboard.0,
+            Self::Crazyflie(crazyflie) => crazyflie.rate_loops(),
+        }
+    }
 }
 
 impl SimulatedVehicle {
@@ -74,8 +103,7 @@ impl SimulatedVehicle {
             airframe: Airframe::new(member, seed, clock.tick_s(), &mut build),
             gyro: Gyro::new(&truth.gyro, seed, vehicle.id, &mut build),
             accelerometer: Accelerometer::new(&truth.accelerometer, seed, vehicle.id, &mut build),
-            firmware: Firmware::new(firmware_settings(vehicle, encoder.channel_bits))?,
-            command_link: CommandLink::new(vehicle.id, encoder, &truth.command_link, seed),
+            brain: Brain::new(member, encoder, seed)?,
             motor_commands: [0; ROTORS],
             hover_thrust_n: true_weight_n / ROTORS as f64,
             touchdown: None,
@@ -92,7 +120,29 @@ impl SimulatedVehicle {
     }
 
     pub(crate) fn firmware(&self) -> &Firmware {
-        &self.firmware
+        self.brain.firmware()
+    }
+
+    /// Bytes for the encoder of its command link, or for its own radio.
+    pub(crate) fn feed(&mut self, now: Time, bytes: &[u8], faults: &Schedule, outputs: &mut Outputs) {
+        match &mut self.brain {
+            Brain::Onboard(onboard) => onboard.1.feed(now, bytes, faults, outputs),
+            Brain::Crazyflie(crazyflie) => crazyflie.feed(now, bytes, faults),
+        }
+    }
+
+    pub(crate) fn command_link_counts(&self) -> LinkCounts {
+        match &self.brain {
+            Brain::Onboard(onboard) => onboard.1.counts(),
+            Brain::Crazyflie(crazyflie) => crazyflie.counts(),
+        }
+    }
+
+    pub(crate) fn unused_packets(&self) -> Option<u64> {
+        match &self.brain {
+            Brain::Onboard(_) => None,
+            Brain::Crazyflie(crazyflie) => Some(crazyflie.unused()),
+        }
     }
 
     pub(crate) fn extremes(&self) -> Extremes {
@@ -150,13 +200,22 @@ impl SimulatedVehicle {
     }
 
     fn receive(&mut self, until: Time, around: &mut Surroundings<'_>) {
+        let (firmware, command_link) = match &mut self.brain {
+            Brain::Onboard(onboard) => (&mut onboard.0, &mut onboard.1),
+            Brain::Crazyflie(crazyflie) => {
+                while crazyflie.next_at().is_some_and(|at| at <= until) {
+                    crazyflie.receive(until, |at| self.clock.uptime_at(at));
+                }
+                return;
+            }
+        };
         loop {
-            let command_at = self.command_link.next_at().unwrap_or(Time::FAR_FUTURE);
+            let command_at = command_link.next_at().unwrap_or(Time::FAR_FUTURE);
             let payload_at = around.data_link.next_up_at(self.index).unwrap_or(Time::FAR_FUTURE);
             if command_at.min(payload_at) > until {
                 return;
             }
-            let Self { clock, firmware, command_link, .. } = self;
+            let clock = &self.clock;
             if command_at <= payload_at {
                 if let Some((at, Some(frame))) = command_link.arrived(until) {
                     firmware.receive_sbus(clock.uptime_at(at), &frame);
@@ -186,7 +245,12 @@ impl SimulatedVehicle {
             acceleration_m_s2: self.accelerometer.read(self.airframe.specific_force_m_s2()),
             battery_v: self.airframe.voltage_v(),
         };
-        self.motor_commands = self.firmware.tick(uptime, &imu);
+        self.motor_commands = match &mut self.brain {
+            Brain::Onboard(onboard) => onboard.0.tick(uptime, &imu),
+            Brain::Crazyflie(crazyflie) => {
+                crazyflie.tick(uptime, &imu, self.airframe.contact() == Contact::Broken)
+            }
+        };
         self.airframe.command(self.motor_commands);
         let inside = self.airframe.inside(around.hall);
         self.extremes.include(&motion, inside, touchdown.as_ref());
@@ -194,9 +258,15 @@ impl SimulatedVehicle {
             around.trajectories.push(trajectory);
         }
         self.watch_maneuver(now, uptime, before, touchdown, inside, around);
-        let mut payload = [0; PAYLOAD_BYTES_MAX];
-        while let Some(length) = self.firmware.poll_transmit(uptime, &mut payload) {
-            around.data_link.send_down(self.index, now, &payload[..length], around.faults, around.outputs);
+        match &mut self.brain {
+            Brain::Crazyflie(crazyflie) => crazyflie.send(now, around.faults, around.outputs),
+            Brain::Onboard(onboard) => {
+                let mut payload = [0; PAYLOAD_BYTES_MAX];
+                while let Some(length) = onboard.0.poll_transmit(uptime, &mut payload) {
+                    let payload = &payload[..length];
+                    around.data_link.send_down(self.index, now, payload, around.faults, around.outputs);
+                }
+            }
         }
     }
 
@@ -210,12 +280,12 @@ impl SimulatedVehicle {
         around: &mut Surroundings<'_>,
     ) {
         let motion = *self.airframe.motion();
-        let running = self.firmware.mode() == FlightMode::Maneuver;
+        let running = self.firmware().mode() == FlightMode::Maneuver;
         match (&mut self.watch, running) {
             (None, false) => {}
             (Some(watch), true) => watch.follow(&motion, inside, touchdown.as_ref()),
             (None, true) => {
-                let maneuver_id = self.firmware.status(uptime).maneuver_id;
+                let maneuver_id = self.firmware().status(uptime).maneuver_id;
                 self.gyro.begin_maneuver();
                 self.watch = Some(Watch::begin(maneuver_id, now, motion));
                 let recorder = self.recorder.as_mut();
@@ -224,7 +294,7 @@ impl SimulatedVehicle {
                 around.trajectories.extend(unfinished);
             }
             (Some(_), false) => {
-                let status = self.firmware.status(uptime);
+                let status = self.firmware().status(uptime);
                 let completed = status.maneuver_phase == ManeuverPhase::Completed;
                 let ended_uptime = Time::from_nanos(i64::try_from(status.ended_us).unwrap_or(0) * 1_000);
                 // The firmware notices at the first tick after the planned end, which lies between the two.

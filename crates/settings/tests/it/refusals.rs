@@ -13,9 +13,12 @@ fn refused(name: &str, file: &str, key: &str, line: &str, words: Expect) {
 #[test]
 fn an_unknown_scenario_is_refused_with_those_there_are() {
     let folder = Folder::new("no-scenario");
-    expect![[r#"config/scenarios: scenario = "duble-flip", but there is only double-flip, fleet, rate-mismatch, single-flip, ten, triple-flip"#]].assert_eq(&folder.refusal("duble-flip"));
+    expect![[r#"config/scenarios: scenario = "duble-flip", but there is only crazyflie-hover, double-flip, fleet, rate-mismatch, single-flip, ten, triple-flip"#]].assert_eq(&folder.refusal("duble-flip"));
     for name in ["", "..", "../hall", "double-flip.toml", "scenarios/double-flip", "Double-Flip"] {
-        assert!(folder.refusal(name).contains("there is only double-flip, fleet"), "{name:?}");
+        assert!(
+            folder.refusal(name).contains("there is only crazyflie-hover, double-flip, fleet"),
+            "{name:?}"
+        );
     }
 }
 
@@ -488,7 +491,9 @@ fn vehicles_that_cannot_be_told_apart_are_refused() {
         "scenarios/fleet.toml",
         "file",
         "file = \"v99\"",
-        expect![[r#"config/scenarios/fleet.toml: vehicle.file = "v99", but there is only v01, v02, v03, v04, v05, v06, v07, v08, v09, v10, v11"#]],
+        expect![[
+            r#"config/scenarios/fleet.toml: vehicle.file = "v99", but there is only cf1, v01, v02, v03, v04, v05, v06, v07, v08, v09, v10, v11"#
+        ]],
     );
 }
 

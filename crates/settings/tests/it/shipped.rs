@@ -7,7 +7,10 @@ use crate::folder::{Folder, shipped};
 #[test]
 fn every_shipped_scenario_loads() {
     let names = Arena::scenarios(&shipped()).unwrap();
-    assert_eq!(names, ["double-flip", "fleet", "rate-mismatch", "single-flip", "ten", "triple-flip"]);
+    assert_eq!(
+        names,
+        ["crazyflie-hover", "double-flip", "fleet", "rate-mismatch", "single-flip", "ten", "triple-flip"]
+    );
     for name in names {
         let arena = Arena::load(&shipped(), &name).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert_eq!(arena.name, name);
