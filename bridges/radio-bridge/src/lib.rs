@@ -16,14 +16,19 @@
 //! the bridge is silent: it never repeats one, since silence is what the vehicle's own failsafe acts on. Of
 //! several controllers only the one with the highest lease epoch is heard.
 //!
+//! A vehicle that is a Crazyflie has one radio for both, which speaks CRTP: `crazyflie` is its side of all this.
+//!
 //! The *data link* loses frames, so what matters is repeated until it is known to have arrived: see
 //! [`Tuning`] for the intervals. Everything sent on either link leaves as [`DeviceBytes`] with the instant it
 //! was handed over.
 
 mod clock;
+mod crazyflie;
 mod data_link;
 mod delay;
 mod encoder;
+mod form;
+mod helm;
 mod lease;
 mod orders;
 mod reports;
@@ -42,10 +47,12 @@ use schemas::{
     VehicleCommand, VehicleTelemetry, topics,
 };
 use service_core::{Core, Event, Outbox, Start};
-use settings::{Arena, ConfigError, Ports};
+use settings::{Arena, ConfigError, Ports, Radio};
 
+use crazyflie::Crazyflie;
 use data_link::{DataLink, Heard};
 use encoder::Encoder;
+use helm::Helm;
 use lease::Admission;
 use reports::Reports;
 use slots::{Schedule, Served};
@@ -99,6 +106,7 @@ pub struct RadioBridge {
     pace: Pace,
     telemetry_max: Span,
     vehicles: Vec<Vehicle>,
+    crazyflies: Vec<Crazyflie>,
     data_link: DataLink,
     reports: Reports,
     counters: Counters,
@@ -114,20 +122,24 @@ impl Core for RadioBridge {
         tuning.check()?;
         // Pings to several vehicles take turns, so that they do not meet on the air.
         let share = Span::from_secs_f64(tuning.ping_young_s) / (arena.fleet.len().max(1) as i64);
-        let vehicles = arena.fleet.iter().zip(0i64..).map(|(member, index)| {
-            Vehicle::new(
-                &member.vehicle,
-                Encoder::new(&arena.network.devices.command_link),
-                &tuning,
-                start.at.saturating_add(share * index),
-                start.seed.0 as u16,
-            )
-        });
+        let (mut vehicles, mut crazyflies) = (Vec::new(), Vec::new());
+        for (member, index) in arena.fleet.iter().zip(0i64..) {
+            let (vehicle, token) = (&member.vehicle, start.seed.0 as u16);
+            let first_at = start.at.saturating_add(share * index);
+            match vehicle.links.radio {
+                Radio::Pair => {
+                    let encoder = Encoder::new(&arena.network.devices.command_link);
+                    vehicles.push(Vehicle::new(vehicle, encoder, &tuning, first_at, token));
+                }
+                Radio::Crazyradio => crazyflies.push(Crazyflie::new(vehicle, &tuning, first_at, token)),
+            }
+        }
         Ok(Self {
             schedule: Schedule::new(start.at, Span::from_secs_f64(tuning.slot_s)),
             pace: Pace::new(&tuning),
             telemetry_max: Span::from_secs_f64(tuning.telemetry_s_max),
-            vehicles: vehicles.collect(),
+            vehicles,
+            crazyflies,
             data_link: DataLink::new(),
             reports: Reports::new(Span::from_secs_f64(tuning.report_s)),
             counters: Counters::default(),
@@ -135,7 +147,9 @@ impl Core for RadioBridge {
     }
 
     fn deadline(&self) -> Option<Time> {
-        Some(self.vehicles.iter().map(Vehicle::due_at).fold(self.schedule.next_at(), Time::min))
+        let vehicles = self.vehicles.iter().map(Vehicle::due_at);
+        let due = vehicles.chain(self.crazyflies.iter().map(Crazyflie::due_at));
+        Some(due.fold(self.schedule.next_at(), Time::min))
     }
 
     fn step(&mut self, now: Time, event: Event<Input>, out: &mut Outbox<Output>) {
@@ -163,6 +177,7 @@ impl Core for RadioBridge {
             self.serve_slot(now, out);
         }
         self.serve_data_link(now, out);
+        self.serve_crazyflies(now, out);
     }
 }
 
@@ -177,20 +192,35 @@ impl RadioBridge {
         }
     }
 
-    /// The vehicle with that number; a number of no vehicle is reported.
+    /// Every vehicle's helm.
+    fn helms(&mut self) -> impl Iterator<Item = &mut Helm> {
+        let vehicles = self.vehicles.iter_mut().map(|vehicle| &mut vehicle.helm);
+        vehicles.chain(self.crazyflies.iter_mut().map(|crazyflie| &mut crazyflie.helm))
+    }
+
+    /// The vehicle with that number that has a store for flips; another number is reported.
     fn vehicle(&mut self, now: Time, id: u8, out: &mut Outbox<Output>) -> Option<&mut Vehicle> {
-        let found = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id);
-        if found.is_none() {
+        if self.crazyflies.iter().any(|crazyflie| crazyflie.helm.id == id) {
             self.counters.foreign += 1;
-            let detail = || format!("a message for vehicle {id}, which is not of this arena");
-            self.reports.warn(now, id, "vehicle-unknown", detail, out);
+            let detail = || format!("vehicle {id} is a Crazyflie: it hovers, and has no store for flips");
+            self.reports.warn(now, id, "flips-not", detail, out);
+            return None;
         }
-        found
+        if self.vehicles.iter().all(|vehicle| vehicle.helm.id != id) {
+            self.unknown(now, id, out);
+        }
+        self.vehicles.iter_mut().find(|vehicle| vehicle.helm.id == id)
+    }
+
+    fn unknown(&mut self, now: Time, id: u8, out: &mut Outbox<Output>) {
+        self.counters.foreign += 1;
+        let detail = || format!("a message for vehicle {id}, which is not of this arena");
+        self.reports.warn(now, id, "vehicle-unknown", detail, out);
     }
 
     fn command(&mut self, now: Time, command: &VehicleCommand, out: &mut Outbox<Output>) {
-        let Some(vehicle) = self.vehicle(now, command.vehicle, out) else {
-            return;
+        let Some(vehicle) = self.helms().find(|helm| helm.id == command.vehicle) else {
+            return self.unknown(now, command.vehicle, out);
         };
         match vehicle.lease.admit(command.lease_epoch) {
             Admission::Held => vehicle.commands.command(now, *command),
@@ -216,8 +246,7 @@ impl RadioBridge {
 
     /// An emergency order to one vehicle, or to all.
     fn stop(&mut self, now: Time, order: &StopOrder, out: &mut Outbox<Output>) {
-        let wanted = |vehicle: &&mut Vehicle| order.vehicle == 0 || vehicle.id == order.vehicle;
-        for vehicle in self.vehicles.iter_mut().filter(wanted) {
+        for vehicle in self.helms().filter(|helm| order.vehicle == 0 || helm.id == order.vehicle) {
             if vehicle.stop.order(now, order) {
                 let (severity, name) = match order.kind {
                     StopKind::Stop => (Severity::Fault, "emergency-stop"),
@@ -244,39 +273,38 @@ impl RadioBridge {
         let Some(slot) = self.schedule.due(now) else {
             return;
         };
-        for vehicle in &mut self.vehicles {
-            let served = if vehicle.stop.holds() {
-                vehicle.commands.serve_stop(now, vehicle.stop.speaks(now))
-            } else {
-                vehicle.commands.serve(now, slot, vehicle.delay.delay_s())
-            };
-            match served {
-                Served::Sent { bytes, report, resumed } => {
-                    self.counters.commands_sent += 1;
-                    out.publish(bytes);
-                    out.publish(report);
-                    if resumed {
-                        out.event(
-                            now,
-                            Severity::Info,
-                            vehicle.id,
-                            "command-sending",
-                            "the command link speaks",
-                        );
-                    }
-                }
-                Served::Stop(bytes) => {
-                    self.counters.stops_sent += 1;
-                    out.publish(bytes);
-                }
-                Served::FellSilent(reason) => {
-                    out.event(now, Severity::Warning, vehicle.id, "command-silent", reason);
-                }
-                Served::Silent => {}
+        let Self { vehicles, crazyflies, counters, telemetry_max, .. } = self;
+        for vehicle in vehicles {
+            let served = vehicle.helm.serve(now, slot);
+            tell_slot(now, vehicle.helm.id, served, counters, out);
+            if vehicle.lose(now, *telemetry_max) {
+                tell_lost(now, vehicle.helm.id, *telemetry_max, out);
             }
-            if vehicle.lose(now, self.telemetry_max) {
-                let detail = format!("no status for {}", self.telemetry_max);
-                out.event(now, Severity::Warning, vehicle.id, "telemetry-lost", &detail);
+        }
+        for crazyflie in crazyflies {
+            let served = crazyflie.serve_slot(now, slot);
+            tell_slot(now, crazyflie.helm.id, served, counters, out);
+            if crazyflie.lose(now, *telemetry_max) {
+                tell_lost(now, crazyflie.helm.id, *telemetry_max, out);
+            }
+        }
+    }
+
+    fn serve_crazyflies(&mut self, now: Time, out: &mut Outbox<Output>) {
+        for crazyflie in self.crazyflies.iter_mut().filter(|crazyflie| crazyflie.due_at() <= now) {
+            self.counters.payloads_sent += crazyflie.serve(now, out);
+        }
+    }
+
+    /// A packet from a Crazyflie.
+    fn hear_crazyflie(&mut self, now: Time, index: usize, received: &DeviceBytes, out: &mut Outbox<Output>) {
+        let Some(crazyflie) = self.crazyflies.get_mut(index) else { return };
+        match crazyflie.hear(now, received.at.min(now), &received.bytes, out) {
+            crazyflie::Heard::Used => self.counters.payloads_received += 1,
+            crazyflie::Heard::Damaged => self.counters.payloads_damaged += 1,
+            crazyflie::Heard::Report(telemetry) => {
+                self.counters.payloads_received += 1;
+                out.publish(telemetry);
             }
         }
     }
@@ -286,7 +314,7 @@ impl RadioBridge {
             if now < vehicle.due_at() {
                 continue;
             }
-            let (id, address) = (vehicle.id, vehicle.address);
+            let (id, address) = (vehicle.helm.id, vehicle.address);
             let mut sent = Vec::new();
             vehicle.serve(now, &self.pace, out, |uplink| {
                 sent.extend(self.data_link.transmit(now, &uplink, id, address, index));
@@ -298,7 +326,7 @@ impl RadioBridge {
 
     /// What the encoder of a vehicle's command link says of its link.
     fn hear_encoder(&mut self, now: Time, id: u8, bytes: &[u8], out: &mut Outbox<Output>) {
-        let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id) else {
+        let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.helm.id == id) else {
             self.counters.foreign += 1;
             return;
         };
@@ -312,6 +340,9 @@ impl RadioBridge {
 
     fn receive(&mut self, now: Time, received: &DeviceBytes, out: &mut Outbox<Output>) {
         if let Some(id) = Ports::vehicle_of_command_link(received.port) {
+            if let Some(index) = self.crazyflies.iter().position(|crazyflie| crazyflie.helm.id == id) {
+                return self.hear_crazyflie(now, index, received, out);
+            }
             return self.hear_encoder(now, id, &received.bytes, out);
         }
         if received.port != Ports::DATA_LINK {
@@ -329,10 +360,10 @@ impl RadioBridge {
                 };
                 match Downlink::decode(data) {
                     Err(_) => counters.payloads_damaged += 1,
-                    Ok((id, _)) if id != vehicle.id => {
+                    Ok((id, _)) if id != vehicle.helm.id => {
                         counters.payloads_misaddressed += 1;
                         let detail = || format!("the radio at {source:04X} says it is vehicle {id}");
-                        reports.warn(now, vehicle.id, "vehicle-address-mismatch", detail, out);
+                        reports.warn(now, vehicle.helm.id, "vehicle-address-mismatch", detail, out);
                     }
                     Ok((_, message)) => match vehicle.hear(now, &message, arrived, pace, out) {
                         Reaction::Used => counters.payloads_received += 1,
@@ -352,7 +383,7 @@ impl RadioBridge {
                 counters.payloads_undelivered += u64::from(!delivered);
                 if vehicle.transmitted(delivered) >= UNDELIVERED_REPORTED {
                     let detail = || format!("payloads are not acknowledged: {result:?}");
-                    reports.warn(now, vehicle.id, "data-link-undelivered", detail, out);
+                    reports.warn(now, vehicle.helm.id, "data-link-undelivered", detail, out);
                 }
             }
             Heard::Modem(status) => {
@@ -361,6 +392,31 @@ impl RadioBridge {
             }
         });
     }
+}
+
+/// Says what a slot carried, or why it carried nothing.
+fn tell_slot(now: Time, id: u8, served: Served, counters: &mut Counters, out: &mut Outbox<Output>) {
+    match served {
+        Served::Sent { bytes, report, resumed } => {
+            counters.commands_sent += 1;
+            out.publish(bytes);
+            out.publish(report);
+            if resumed {
+                out.event(now, Severity::Info, id, "command-sending", "the command link speaks");
+            }
+        }
+        Served::Stop(bytes) => {
+            counters.stops_sent += 1;
+            out.publish(bytes);
+        }
+        Served::FellSilent(reason) => out.event(now, Severity::Warning, id, "command-silent", reason),
+        Served::Silent => {}
+    }
+}
+
+fn tell_lost(now: Time, id: u8, longest: Span, out: &mut Outbox<Output>) {
+    let detail = format!("no status for {longest}");
+    out.event(now, Severity::Warning, id, "telemetry-lost", &detail);
 }
 
 #[cfg(test)]

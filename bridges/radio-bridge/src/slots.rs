@@ -7,12 +7,12 @@
 //! An old command is never repeated. The vehicle watches the age of its newest frame and holds level, then
 //! lands, by itself; a bridge that repeats a dead controller's last word takes that away from it.
 
-use device::vehicle_link::{ChannelMap, CommandFrame, CommandMode as LinkMode, roll_pitch_rad};
+use device::vehicle_link::CommandFrame;
 use quantity::{Span, Time};
-use schemas::{CommandMode, CommandSent, DeviceBytes, VehicleCommand};
+use schemas::{CommandSent, DeviceBytes, VehicleCommand};
 use settings::Ports;
 
-use crate::encoder::Encoder;
+use crate::form::{Form, Framed};
 
 /// Values of a frame's counter.
 const COUNTERS: usize = 32;
@@ -79,7 +79,7 @@ impl Schedule {
 #[derive(Clone, Debug)]
 pub(crate) struct CommandLink {
     vehicle: u8,
-    encoder: Encoder,
+    form: Form,
     age_max: Span,
     newest: Option<(VehicleCommand, Time)>,
     counter: u8,
@@ -92,7 +92,7 @@ pub(crate) struct CommandLink {
 pub(crate) enum Served {
     /// A frame is sent, as these bytes and this report.
     Sent {
-        /// For the encoder.
+        /// For the device.
         bytes: DeviceBytes,
         /// For the estimator.
         report: CommandSent,
@@ -109,16 +109,8 @@ pub(crate) enum Served {
 
 impl CommandLink {
     /// A link that has sent nothing; commands over `age_max` old are not sent.
-    pub(crate) const fn new(vehicle: u8, encoder: Encoder, age_max: Span) -> Self {
-        Self {
-            vehicle,
-            encoder,
-            age_max,
-            newest: None,
-            counter: 0,
-            sent_at: [None; COUNTERS],
-            talking: false,
-        }
+    pub(crate) const fn new(vehicle: u8, form: Form, age_max: Span) -> Self {
+        Self { vehicle, form, age_max, newest: None, counter: 0, sent_at: [None; COUNTERS], talking: false }
     }
 
     /// A command its lease allows.
@@ -137,12 +129,14 @@ impl CommandLink {
             Ok(usable) => usable,
             Err(reason) => return self.fall_silent(reason),
         };
-        let Some((frame, channels)) = frame(&command, self.encoder.map, self.vehicle, self.counter) else {
-            return self.fall_silent("the newest command is not finite");
+        let framed = match self.form.frame(now, &command, self.counter) {
+            Ok(framed) => framed,
+            Err(reason) => return self.fall_silent(reason),
         };
+        let Framed { bytes, mode, collective_m_s2, rate_rad_s } = framed;
         let report = CommandSent {
             vehicle: self.vehicle,
-            mode: command.mode,
+            mode,
             lease_epoch: command.lease_epoch,
             slot: slot.number,
             frame_received_at: command.frame_received_at,
@@ -151,10 +145,10 @@ impl CommandLink {
             sent_at: now,
             next_slot_at: slot.next_at,
             link_delay_s,
-            collective_m_s2: frame.collective_m_s2,
-            rate_rad_s: frame.rate_rad_s,
+            collective_m_s2,
+            rate_rad_s,
         };
-        let bytes = self.send(now, channels);
+        let bytes = self.send(now, bytes);
         let resumed = !std::mem::replace(&mut self.talking, true);
         Served::Sent { bytes, report, resumed }
     }
@@ -164,16 +158,21 @@ impl CommandLink {
         // What was commanded before the stop is not flown after its release.
         self.newest = None;
         self.talking = false;
-        let stop = CommandFrame { mode: LinkMode::Stop, counter: self.counter, ..CommandFrame::default() };
-        match self.encoder.map.encode(&stop, self.vehicle) {
-            Ok(channels) if speaks => Served::Stop(self.send(now, channels)),
+        match self.form.stop(self.vehicle, self.counter) {
+            Some(bytes) if speaks => Served::Stop(self.send(now, bytes)),
             _ => Served::Silent,
         }
     }
 
-    /// The bytes for the encoder, counted and remembered.
-    fn send(&mut self, now: Time, channels: [u16; 16]) -> DeviceBytes {
-        let bytes = self.encoder.bytes(channels);
+    /// Takes note of whether the vehicle says that it flies.
+    pub(crate) const fn note_flying(&mut self, flying: bool) {
+        if let Form::Setpoints(setpoints) = &mut self.form {
+            setpoints.note_flying(flying);
+        }
+    }
+
+    /// The bytes for the device, counted and remembered.
+    fn send(&mut self, now: Time, bytes: Vec<u8>) -> DeviceBytes {
         self.sent_at[usize::from(self.counter)] = Some(now);
         self.counter = CommandFrame::next_counter(self.counter);
         DeviceBytes {
@@ -200,42 +199,14 @@ impl CommandLink {
     }
 }
 
-/// The frame as the vehicle will read it, and its channels.
-fn frame(
-    command: &VehicleCommand,
-    map: ChannelMap,
-    vehicle: u8,
-    counter: u8,
-) -> Option<(CommandFrame, [u16; 16])> {
-    // A controller that orders the emergency descent has no estimate left to hint at.
-    let estimated = command.mode != CommandMode::Descend;
-    let (roll_rad, pitch_rad) = roll_pitch_rad(command.orientation);
-    let frame = CommandFrame {
-        mode: match command.mode {
-            CommandMode::Disarmed => LinkMode::Disarmed,
-            CommandMode::Fly => LinkMode::Fly,
-            CommandMode::Descend => LinkMode::Descend,
-        },
-        counter,
-        collective_m_s2: command.collective_m_s2,
-        rate_rad_s: command.rate_rad_s,
-        attitude_valid: estimated,
-        height_valid: estimated,
-        roll_rad,
-        pitch_rad,
-        height_m: command.height_m,
-        vertical_speed_m_s: command.vertical_speed_m_s,
-        epoch_low: command.lease_epoch as u8,
-    };
-    let channels = map.encode(&frame, vehicle).ok()?;
-    map.decode(&channels, vehicle).ok().map(|(_, as_sent)| (as_sent, channels))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::encoder::Encoder;
     use device::sbus;
+    use device::vehicle_link::CommandMode as LinkMode;
     use quantity::{Rotation, Vector};
+    use schemas::CommandMode;
     use settings::{ChannelBits, CommandProtocol};
 
     fn ms(milliseconds: i64) -> Time {
@@ -264,7 +235,7 @@ mod tests {
     fn link_of(protocol: CommandProtocol, channel_bits: ChannelBits) -> CommandLink {
         let url = "udp://127.0.0.1:52100".parse().expect("a URL");
         let encoder = Encoder::new(&settings::CommandLink { protocol, url, channel_bits });
-        CommandLink::new(3, encoder, Span::from_millis(60))
+        CommandLink::new(3, Form::Channels(encoder), Span::from_millis(60))
     }
 
     const GOLDEN: [u8; 25] = [

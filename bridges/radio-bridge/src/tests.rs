@@ -20,7 +20,7 @@ fn ms(milliseconds: i64) -> Time {
     Time::ZERO + Span::from_millis(milliseconds)
 }
 
-fn arena(scenario: &str) -> Arena {
+pub(crate) fn arena(scenario: &str) -> Arena {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
     Arena::load(&folder, scenario).expect("the repository's own settings load")
 }

@@ -40,6 +40,9 @@ pub struct Tuning {
     pub telemetry_s_max: f64,
     /// Least time between two reports of the same kind; default 1.0.
     pub report_s: f64,
+    /// Whether a Crazyflie stops, locked, when the bridge is silent for a second; default false. Without it, it levels
+    /// after half a second without setpoints and stops after two.
+    pub crazyflie_watchdog: bool,
 }
 
 impl Default for Tuning {
@@ -60,6 +63,7 @@ impl Default for Tuning {
             downlink_extra_s: 0.0,
             telemetry_s_max: 1.0,
             report_s: 1.0,
+            crazyflie_watchdog: false,
         }
     }
 }

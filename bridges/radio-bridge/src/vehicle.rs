@@ -9,12 +9,10 @@ use service_core::Outbox;
 
 use crate::Output;
 use crate::clock::{Plausibility, VehicleClock};
-use crate::delay::LinkDelay;
 use crate::encoder::{Encoder, EncoderLine};
-use crate::lease::Lease;
+use crate::form::Form;
+use crate::helm::Helm;
 use crate::orders::{AbortOrder, StartOrder};
-use crate::slots::CommandLink;
-use crate::stop::EmergencyStop;
 use crate::telemetry;
 use crate::tuning::Tuning;
 use crate::upload::{Outcome, Upload};
@@ -58,20 +56,12 @@ impl Pace {
 /// One vehicle.
 #[derive(Clone, Debug)]
 pub(crate) struct Vehicle {
-    /// Its number on the bus and on its links.
-    pub(crate) id: u8,
+    /// Who commands it, and what.
+    pub(crate) helm: Helm,
     /// The address of its data-link radio.
     pub(crate) address: u16,
-    /// Who commands it.
-    pub(crate) lease: Lease,
-    /// What it is commanded.
-    pub(crate) commands: CommandLink,
     /// What its encoder says.
     pub(crate) encoder_line: EncoderLine,
-    /// Whether a person has stopped it.
-    pub(crate) stop: EmergencyStop,
-    /// How long its command link takes.
-    pub(crate) delay: LinkDelay,
     clock: VehicleClock,
     pings: Pings,
     upload: Option<Upload>,
@@ -116,13 +106,9 @@ impl Vehicle {
             Span::from_secs_f64(tuning.downlink_extra_s),
         );
         Self {
-            id: member.id,
+            helm: Helm::new(member, Form::Channels(encoder), tuning),
             address: member.links.data_address,
-            lease: Lease::default(),
-            commands: CommandLink::new(member.id, encoder, Span::from_secs_f64(tuning.command_age_s_max)),
             encoder_line: EncoderLine::new(),
-            stop: EmergencyStop::default(),
-            delay: LinkDelay::new(member.links.command_delay_s, tuning.action_delay_s),
             clock,
             pings: Pings { next_at: first_ping, token: first_token, waiting: VecDeque::new() },
             upload: None,
@@ -141,7 +127,7 @@ impl Vehicle {
             self.upload.as_ref().map(Upload::due_at),
             self.start.as_ref().map(StartOrder::due_at),
             self.abort.as_ref().map(AbortOrder::due_at),
-            self.stop.due_at(),
+            self.helm.stop.due_at(),
         ];
         orders.into_iter().flatten().fold(self.pings.next_at, Time::min)
     }
@@ -154,7 +140,7 @@ impl Vehicle {
         out: &mut Outbox<Output>,
         mut send: impl FnMut(Uplink),
     ) {
-        self.stop.send_due(now, &mut send);
+        self.helm.stop.send_due(now, &mut send);
         if let Some(abort) = &mut self.abort {
             abort.send_due(now, pace.abort_retry, &mut send);
         }
@@ -162,14 +148,14 @@ impl Vehicle {
         let delay = self.clock.least_delay().unwrap_or(DATA_DELAY);
         if let Some(expired) = self.start.take_if(|start| start.is_over(now, delay)) {
             let detail = format!("maneuver {} was not answered while it was valid", expired.maneuver_id());
-            out.event(now, Severity::Warning, self.id, "start-unanswered", &detail);
+            out.event(now, Severity::Warning, self.helm.id, "start-unanswered", &detail);
         }
         if let Some(start) = &mut self.start {
             start.send_due(now, pace.start_retry, &mut send);
         }
         if let Some(failed) = self.upload.take_if(|upload| upload.is_over(now)) {
             let detail = format!("set {} unconfirmed after {} rounds", failed.set_id(), failed.rounds());
-            out.event(now, Severity::Warning, self.id, "upload-failed", &detail);
+            out.event(now, Severity::Warning, self.helm.id, "upload-failed", &detail);
         }
         if let Some(upload) = &mut self.upload {
             upload.send_due(now, &mut send);
@@ -274,7 +260,7 @@ impl Vehicle {
         let plausibility = self.clock.hear(vehicle_us, arrived);
         if plausibility == Plausibility::Restarted {
             let detail = "its clock has started over; what it knew is gone";
-            out.event(now, Severity::Warning, self.id, "vehicle-restarted", detail);
+            out.event(now, Severity::Warning, self.helm.id, "vehicle-restarted", detail);
             self.status = None;
             self.measured_us = 0;
             self.pings.waiting.clear();
@@ -297,7 +283,7 @@ impl Vehicle {
             return Reaction::Untimely;
         }
         if std::mem::replace(&mut self.lost, false) {
-            out.event(now, Severity::Info, self.id, "telemetry-back", "the vehicle reports again");
+            out.event(now, Severity::Info, self.helm.id, "telemetry-back", "the vehicle reports again");
         }
         self.status = Some((*status, arrived));
         self.start.take_if(|start| start.maneuver_id() == status.maneuver_id);
@@ -305,8 +291,8 @@ impl Vehicle {
             self.say_committed(now, &done, out);
         }
         self.measure_delay(status);
-        let link_delay_s = self.delay.delay_s();
-        Reaction::Report(telemetry::report(self.id, status, arrived, &self.clock, link_delay_s))
+        let link_delay_s = self.helm.delay.delay_s();
+        Reaction::Report(telemetry::report(self.helm.id, status, arrived, &self.clock, link_delay_s))
     }
 
     fn hear_reply(&mut self, now: Time, reply: &UploadReply, out: &mut Outbox<Output>) {
@@ -320,7 +306,7 @@ impl Vehicle {
             }
             Outcome::Refused(reason) => {
                 let detail = format!("set {}: {reason:?}", reply.set_id);
-                out.event(now, Severity::Warning, self.id, "upload-refused", &detail);
+                out.event(now, Severity::Warning, self.helm.id, "upload-refused", &detail);
                 self.upload = None;
             }
         }
@@ -328,7 +314,7 @@ impl Vehicle {
 
     fn say_committed(&self, now: Time, upload: &Upload, out: &mut Outbox<Output>) {
         let detail = format!("set {} after {} rounds", upload.set_id(), upload.rounds());
-        out.event(now, Severity::Info, self.id, "upload-committed", &detail);
+        out.event(now, Severity::Info, self.helm.id, "upload-committed", &detail);
     }
 
     /// Each newly accepted command shows the command link's delay once.
@@ -339,11 +325,12 @@ impl Vehicle {
         }
         self.measured_us = received_us;
         let age = Span::from_micros(status.uptime_us.saturating_sub(received_us).min(1_000_000) as i64);
-        let (received, sent) = (self.clock.at(received_us), self.commands.sent_at(status.command_counter));
+        let (received, sent) =
+            (self.clock.at(received_us), self.helm.commands.sent_at(status.command_counter));
         if let (Some(received), Some(sent)) = (received, sent)
             && age <= COMMAND_AGE_MAX
         {
-            self.delay.measure(received - sent);
+            self.helm.delay.measure(received - sent);
         }
     }
 }

@@ -4,7 +4,7 @@
 //! A vehicle flies its flip by itself, from parameters in its own store. What this service owes it is *when*:
 //! the `gate` says whether a flip may begin, `phases` and `flip` are the course of the work, `watch` ends a
 //! flip that goes wrong, and `end_state` recovers how far from its start a flip ended (Lupashin 2010, section
-//! V-B).
+//! V-B). A vehicle that flies no flips hovers at its place where the others fly.
 
 mod battery;
 mod end_state;
@@ -101,7 +101,10 @@ impl Core for FlipManager {
         let vehicles = arena
             .fleet
             .iter()
-            .map(|member| Vehicle::new(member, &tuning, start.at, start.incarnation))
+            .map(|member| {
+                let flips = arena.scenario.flip.is_some() && member.vehicle.flips();
+                Vehicle::new(member, flips, &tuning, start.at, start.incarnation)
+            })
             .collect();
         Ok(Self {
             tuning,
@@ -180,6 +183,7 @@ impl FlipManager {
             let nearest_m = nearest_m(&self.vehicles, index, &context);
             let vehicle = &mut self.vehicles[index];
             vehicle.assess(now, &self.hall, nearest_m, &self.tuning);
+            let context = Context { wanted: context.wanted.for_vehicle(vehicle.flips), ..context };
             vehicle.advance(&context, out);
             vehicle.speak(&context, out);
         }

@@ -24,6 +24,16 @@ pub(crate) enum Wanted {
     Lost,
 }
 
+impl Wanted {
+    /// What it comes to for one vehicle: one that flies no flips hovers instead.
+    pub(crate) const fn for_vehicle(self, flips: bool) -> Self {
+        match self {
+            Self::Fly(given_at) if !flips => Self::Hover(given_at),
+            other => other,
+        }
+    }
+}
+
 impl StandingOrder {
     /// Takes an order. One given before the standing one is a late copy.
     pub(crate) fn take(&mut self, now: Time, order: ArenaOrder) {
@@ -49,6 +59,14 @@ impl StandingOrder {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_order_to_fly_is_one_to_hover_for_a_vehicle_without_flips() {
+        let at = Time::ZERO + Span::from_secs(3);
+        assert_eq!(Wanted::Fly(at).for_vehicle(false), Wanted::Hover(at));
+        assert_eq!(Wanted::Fly(at).for_vehicle(true), Wanted::Fly(at));
+        assert_eq!(Wanted::Land.for_vehicle(false), Wanted::Land);
+    }
 
     #[test]
     fn silence_is_lost_and_old_copies_do_not_count() {

@@ -33,6 +33,8 @@ pub(crate) struct Attempt {
 pub(crate) struct Vehicle {
     /// Its number.
     pub(crate) id: u8,
+    /// Whether it flies flips: in a scenario without one, and if it is a Crazyflie, it only hovers.
+    pub(crate) flips: bool,
     /// Its places.
     pub(crate) goals: Goals,
     /// Its battery's limits.
@@ -83,9 +85,16 @@ const TRACKING_GAP_MAX: Span = Span::from_millis(100);
 const AIRBORNE_M: f64 = 0.3;
 
 impl Vehicle {
-    pub(crate) fn new(member: &FleetVehicle, tuning: &Tuning, now: Time, incarnation: u32) -> Self {
+    pub(crate) fn new(
+        member: &FleetVehicle,
+        flips: bool,
+        tuning: &Tuning,
+        now: Time,
+        incarnation: u32,
+    ) -> Self {
         Self {
             id: member.vehicle.id,
+            flips,
             goals: Goals::new(member),
             battery: member.vehicle.battery.clone(),
             state: None,

@@ -26,7 +26,9 @@ impl Bench {
             *link = LinkSettings { delay_s: 0.0, jitter_s: 0.0, loss_ratio: 0.0, corruption_ratio: 0.0 };
         }
         let crazyflie = Crazyflie::new(&vehicle, 1).expect("flies");
-        Self { crazyflie, now: Time::ZERO + Span::from_secs(9) }
+        let mut bench = Self { crazyflie, now: Time::ZERO + Span::from_secs(9) };
+        bench.run(&RESTING, Span::from_millis(10));
+        bench
     }
 
     fn tell(&mut self, packet: &Packet<'_>) -> Vec<Vec<u8>> {
