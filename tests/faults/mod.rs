@@ -2,6 +2,8 @@
 
 /// The cameras lose a vehicle, or lie about it.
 mod cameras;
+/// A Crazyflie's radio, its bridge, its stop.
+mod crazyflie;
 /// The command link falls silent, in every phase of a flight.
 mod link;
 /// The bus loses, doubles, delays and bends datagrams.

@@ -21,7 +21,7 @@ const EFFECTIVE_WITHIN: Span = Span::from_millis(200);
 
 service_core::inputs! {
     /// It hears nothing.
-    enum Input {}
+    pub(super) enum Input {}
 }
 
 service_core::outputs! {
@@ -34,7 +34,7 @@ service_core::outputs! {
 
 service_core::outputs! {
     /// What the front door's person says.
-    enum Output {
+    pub(super) enum Output {
         /// Fly.
         Order(ArenaOrder) = topics::ARENA_ORDER,
         /// Stop, or go again.
@@ -43,15 +43,15 @@ service_core::outputs! {
 }
 
 #[derive(Debug, Default, Deserialize)]
-struct Tuning {}
+pub(super) struct Tuning {}
 
 /// Orders to fly, and at its instants to stop and to release, as `arena stop` does: at 50 Hz for a second.
 #[derive(Debug)]
-struct Person {
+pub(super) struct Person {
     started_at: Time,
     next_at: Time,
-    stop_at: Time,
-    release_at: Time,
+    pub(super) stop_at: Time,
+    pub(super) release_at: Time,
 }
 
 impl Core for Person {

@@ -1,5 +1,7 @@
 //! Physics outcomes in the virtual arena.
 
+/// A Crazyflie, told by CRTP.
+mod crazyflie;
 /// A minute of hovering.
 mod hover;
 /// The three experiments of the paper, and the fleet.

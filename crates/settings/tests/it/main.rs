@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on says so by panicking")]
 
+/// A Crazyflie, and a scenario without a flip.
+mod crazyflie;
 /// The digest of resolved settings.
 mod digest;
 /// A copy of the shipped settings to spoil.
