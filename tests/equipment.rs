@@ -14,7 +14,7 @@ use crate::process::Process;
 /// Learns a double flip from 40 tries in virtual time.
 fn learned(change: impl FnOnce(&mut Arena)) -> Summary {
     let mut settings = arena("double-flip");
-    settings.scenario.flip.iterations = 40;
+    settings.scenario.flip.as_mut().unwrap().iterations = 40;
     change(&mut settings);
     Summary::of(&learn(&settings, 1, &mut ()).unwrap())
 }

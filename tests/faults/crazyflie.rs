@@ -54,7 +54,7 @@ fn a_bridge_that_comes_back_in_time_flies_on_and_one_that_is_late_finds_it_down(
 
 #[test]
 fn any_other_service_may_die_in_hover_and_come_back_a_second_later() {
-    for name in roster::SERVICES.into_iter().filter(|name| *name != "radio-bridge") {
+    for name in roster::SERVICES.iter().filter(|name| **name != "radio-bridge") {
         let mut flight = Flight::hovering("crazyflie-hover", 6);
         flight.arena.kill(name);
         flight.run(Span::from_secs(1));

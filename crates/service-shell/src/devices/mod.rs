@@ -1,8 +1,15 @@
 //! Devices: the vendors' cables, at the two bridges.
 //!
 //! What arrives on a cable is handed to the bridge's core as [`DeviceBytes`]; what the core says on its
-//! device topic is handed to the cable of that port. A cable is a UDP socket or a serial [`line`].
+//! device topic is handed to the cable of that port. A cable is a UDP socket or a serial [`line`], and to a Crazyradio a
+//! socket with a thread at its other end.
 
+#[cfg(any(test, feature = "crazyradio"))]
+#[cfg_attr(
+    not(feature = "crazyradio"),
+    allow(dead_code, reason = "without the driver only its tests use it")
+)]
+mod crazyradio;
 mod line;
 mod pty;
 
@@ -15,7 +22,9 @@ use std::task::{Context, Poll};
 use quantity::Time;
 use schemas::{DeviceBytes, Topic, topics};
 use service_core::Published;
-use settings::{Arena, CommandProtocol, ConfigError, DeviceUrl, MotionCaptureProtocol, Ports, Radio};
+use settings::{
+    Arena, CommandProtocol, ConfigError, DeviceUrl, MotionCaptureProtocol, Ports, Radio, RadioAddress,
+};
 use tracing::warn;
 
 use crate::datagrams::{DatagramSocket, bind_udp, connect_udp, join_udp, send_udp};
@@ -44,6 +53,8 @@ pub enum Address {
     },
     /// It is on a serial line.
     Line(LineAddress),
+    /// It is behind a Crazyradio.
+    Radio(RadioAddress),
 }
 
 /// One end of a cable.
@@ -127,7 +138,10 @@ fn radios(arena: &Arena) -> Result<Vec<Endpoint>, ShellError> {
         endpoints.push(Endpoint {
             name: format!("command-link-{id}"),
             port: Ports::command_link(id),
-            address: address("devices.command_link.url", &url)?,
+            address: match (member.vehicle.links.radio, &url) {
+                (Radio::Crazyradio, DeviceUrl::Radio(radio)) => Address::Radio(*radio),
+                _ => address("devices.command_link.url", &url)?,
+            },
             receives: answers.then_some(&topics::RADIO_RX),
             transmits: Some(&topics::RADIO_TX),
         });
@@ -154,6 +168,36 @@ fn misplaced(key: &str, url: &DeviceUrl) -> ShellError {
 pub(crate) struct Transmitters {
     cables: Vec<(Endpoint, Cable)>,
     failed: u64,
+}
+
+/// The Crazyradios of a service.
+#[derive(Default)]
+struct Dongles {
+    #[cfg(feature = "crazyradio")]
+    plugged: crazyradio::Dongles,
+}
+
+#[cfg(feature = "crazyradio")]
+impl Dongles {
+    fn plug(&mut self, address: RadioAddress) -> io::Result<UdpSocket> {
+        self.plugged.plug(address)
+    }
+
+    fn start(self) -> io::Result<()> {
+        self.plugged.start(crazyradio::driver::open)
+    }
+}
+
+#[cfg(not(feature = "crazyradio"))]
+impl Dongles {
+    fn plug(&mut self, _address: RadioAddress) -> io::Result<UdpSocket> {
+        let reason = "radio:// needs a build with Crazyradio's driver: cargo build --features crazyradio";
+        Err(io::Error::new(io::ErrorKind::Unsupported, reason))
+    }
+
+    fn start(self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// What bytes leave by.
@@ -188,8 +232,9 @@ pub(crate) struct Piece<'a> {
 /// Opens cables. Call within a tokio runtime.
 pub(crate) fn open(endpoints: Vec<Endpoint>) -> Result<(Transmitters, Vec<Receiver>), ShellError> {
     let (mut cables, mut receivers) = (Vec::new(), Vec::new());
+    let mut dongles = Dongles::default();
     for endpoint in endpoints {
-        let (cable, source) = open_one(&endpoint)?;
+        let (cable, source) = open_one(&endpoint, &mut dongles)?;
         if let (Some(topic), Some(source)) = (endpoint.receives, source) {
             receivers.push(Receiver { port: endpoint.port, topic, source, name: endpoint.name.clone() });
         }
@@ -197,15 +242,17 @@ pub(crate) fn open(endpoints: Vec<Endpoint>) -> Result<(Transmitters, Vec<Receiv
             cables.push((endpoint, cable));
         }
     }
+    dongles.start().during(|| "starting the threads of Crazyradios".to_owned())?;
     Ok((Transmitters { cables, failed: 0 }, receivers))
 }
 
-fn open_one(endpoint: &Endpoint) -> Result<(Cable, Option<Source>), ShellError> {
+fn open_one(endpoint: &Endpoint, dongles: &mut Dongles) -> Result<(Cable, Option<Source>), ShellError> {
     let what = || format!("opening {}", endpoint.name);
     let socket = match &endpoint.address {
         Address::UdpFrom(local) => bind_udp(*local),
         Address::UdpTo(peer) => connect_udp(*peer),
         Address::Group { group, interface } => join_udp(*group, *interface),
+        Address::Radio(address) => Ok(dongles.plug(*address).during(what)?),
         Address::Line(address) => {
             let line = Line::new(&endpoint.name, address.clone()).during(what)?;
             let line = Rc::new(RefCell::new(line));
