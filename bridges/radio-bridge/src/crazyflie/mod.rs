@@ -9,7 +9,9 @@
 //!   radio/rx, port command_link(vehicle) ─▶ state ─▶ vehicle/telemetry
 //! ```
 //!
-//! It is armed by the supervisor while flying is commanded, and disarmed otherwise. Its report is the supervisor's
+//! It is armed by the supervisor when flying is commanded after a command to stay off, and disarmed by such a command:
+//! one that has stopped its motors by itself is not started again from wherever its controller believes it to be. Its
+//! report is the supervisor's
 //! state, with the battery's voltage by the log; without both there is none. It has no clock to be fitted, so the
 //! command link's delay is half an echo's round trip.
 //!
@@ -76,6 +78,8 @@ pub(crate) struct Crazyflie {
     voltage: Option<(f64, Time)>,
     /// Whether it is to be armed, by the slot last served; `None` in silence.
     wanted_armed: Option<bool>,
+    /// It was told to stay off since it was last armed, and since the last silence.
+    rested: bool,
     sent_at: Option<Time>,
     locked: bool,
     lost: bool,
@@ -115,6 +119,7 @@ impl Crazyflie {
             state: None,
             voltage: None,
             wanted_armed: None,
+            rested: false,
             sent_at: None,
             locked: false,
             lost: false,
@@ -143,8 +148,12 @@ impl Crazyflie {
             Served::Sent { report, .. } => Some(report.mode != CommandMode::Disarmed),
             _ => None,
         };
-        if self.wanted_armed.is_some() {
-            self.sent_at = Some(now);
+        match self.wanted_armed {
+            None => self.rested = false,
+            Some(armed) => {
+                self.rested |= !armed;
+                self.sent_at = Some(now);
+            }
         }
         served
     }
@@ -191,7 +200,8 @@ impl Crazyflie {
         let (state, _) = self.state?;
         let wanted = self.wanted_armed?;
         let leave = state.has(SupervisorState::ARMS_ITSELF) || state.has(SupervisorState::LOCKED);
-        (!leave && state.has(SupervisorState::ARMED) != wanted).then_some(wanted)
+        let possible = !leave && (self.rested || !wanted);
+        (possible && state.has(SupervisorState::ARMED) != wanted).then_some(wanted)
     }
 
     fn fresh_state(&self, now: Time) -> Option<SupervisorState> {
@@ -242,6 +252,9 @@ impl Crazyflie {
         out: &mut Outbox<Output>,
     ) -> Heard {
         self.state = Some((state, arrived));
+        if state.has(SupervisorState::ARMED) && self.wanted_armed != Some(false) {
+            self.rested = false;
+        }
         let locked = state.has(SupervisorState::LOCKED);
         if locked && !self.locked {
             let detail = "its supervisor is locked: it must be restarted by hand";

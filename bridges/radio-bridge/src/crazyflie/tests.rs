@@ -137,6 +137,12 @@ impl Rig {
         }
     }
 
+    /// Commands it to stay off for a while, and then to fly until then.
+    fn take_off(&mut self, until: Time) {
+        self.run(self.now + Span::from_millis(200), Some(command(CommandMode::Disarmed, 0.0)));
+        self.run(until, Some(command(CommandMode::Fly, 1.0)));
+    }
+
     /// How many packets since then are this one.
     fn count(&self, since: Time, wanted: &Packet<'_>) -> usize {
         let bytes = encoded(wanted);
@@ -199,12 +205,28 @@ fn it_is_armed_to_fly_and_disarmed_on_the_floor() {
 }
 
 #[test]
+fn one_that_stopped_by_itself_is_not_started_again_in_mid_air() {
+    let mut rig = Rig::new(Tuning::default());
+    rig.take_off(ms(1000));
+    assert!(rig.armed);
+    rig.armed = false;
+    rig.run(ms(3000), Some(command(CommandMode::Fly, 1.0)));
+    assert!(!rig.armed && rig.mode() == FlightMode::Disarmed);
+    rig.take_off(ms(4000));
+    assert!(rig.armed, "it rested");
+    // A bridge that starts below a flying vehicle has nothing to arm.
+    let mut rig = Rig { armed: true, ..Rig::new(Tuning::default()) };
+    rig.run(ms(1000), Some(command(CommandMode::Fly, 1.0)));
+    assert!(rig.armed && rig.count(ms(0), &Packet::Supervisor(Supervisor::Arm(true))) == 0);
+}
+
+#[test]
 fn every_slot_carries_the_newest_command_and_none_is_repeated() {
     let mut rig = Rig::new(Tuning::default());
-    rig.run(ms(1000), Some(command(CommandMode::Fly, 1.0)));
+    rig.take_off(ms(1000));
     assert_eq!((rig.setpoints(ms(0)), rig.sent.len()), (50, 50));
-    let rates = rig.sent[9].rate_rad_s - Vector::new(0.1, 0.2, 0.3);
-    assert!(rates.norm() < 1e-6 && (rig.sent[9].collective_m_s2 - 9.81).abs() < 2e-4);
+    let rates = rig.sent[19].rate_rad_s - Vector::new(0.1, 0.2, 0.3);
+    assert!(rates.norm() < 1e-6 && (rig.sent[19].collective_m_s2 - 9.81).abs() < 2e-4);
     rig.run(ms(3000), None);
     assert!(rig.setpoints(ms(1061)) == 0 && rig.setpoints(ms(1000)) <= 4);
     assert!(rig.events.iter().any(|name| name == "command-silent"));
@@ -214,7 +236,7 @@ fn every_slot_carries_the_newest_command_and_none_is_repeated() {
 #[test]
 fn an_emergency_stop_goes_out_in_both_forms_and_holds() {
     let mut rig = Rig::new(Tuning::default());
-    rig.run(ms(1000), Some(command(CommandMode::Fly, 1.0)));
+    rig.take_off(ms(1000));
     let stop = StopOrder { kind: StopKind::Stop, vehicle: 0, given_at: ms(1000) };
     rig.step(Event::Input(Input::Stop(stop)));
     rig.run(ms(5000), Some(command(CommandMode::Fly, 1.0)));
@@ -231,7 +253,7 @@ fn an_emergency_stop_goes_out_in_both_forms_and_holds() {
     assert!(rig.mode() == FlightMode::Stopped && !rig.armed);
     assert_eq!(rig.count(ms(5000), &Packet::Supervisor(Supervisor::Arm(true))), 0, "it would not obey");
     rig.locked = false;
-    rig.run(ms(7000), Some(command(CommandMode::Fly, 1.0)));
+    rig.take_off(ms(7000));
     assert!(rig.armed && rig.mode() == FlightMode::Flying);
 }
 

@@ -70,7 +70,7 @@ impl Dongles {
     }
 
     /// Starts a thread for each dongle; `open` opens one by its number. The threads live as long as the process.
-    pub(super) fn start<D: Dongle>(mut self, open: fn(u8) -> io::Result<D>) -> io::Result<()> {
+    pub(super) fn start<D: Dongle + 'static>(mut self, open: fn(u8) -> io::Result<D>) -> io::Result<()> {
         self.users.sort_by_key(|user| user.address.dongle);
         while let Some(number) = self.users.last().map(|user| user.address.dongle) {
             let first = self.users.partition_point(|user| user.address.dongle < number);
