@@ -57,7 +57,7 @@ impl Rig {
                 Output::Transmit(bytes) => {
                     assert_eq!(bytes.port, Ports::command_link(ID));
                     self.packets.push((self.now, bytes.bytes.to_vec()));
-                    self.vehicle(&bytes.bytes.to_vec());
+                    self.vehicle(&bytes.bytes);
                 }
                 Output::Sent(report) => self.sent.push(*report),
                 Output::Telemetry(report) => self.telemetry.push(*report),
