@@ -193,7 +193,7 @@ fn judge_module(name: &str, url: &DeviceUrl, frames: io::Result<usize>) -> Findi
 
 fn crazyflie(name: &str, url: &DeviceUrl) -> Finding {
     if matches!(url, DeviceUrl::Radio(_)) {
-        let advice = "look with the vendor's client: this program does not open a Crazyradio";
+        let advice = "look with the vendor's client: the doctor does not open a Crazyradio";
         return Finding::warn(name, format!("{url} is not looked at"), advice);
     }
     let answered = Cable::to(url).and_then(|mut cable| {
