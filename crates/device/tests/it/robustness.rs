@@ -1,7 +1,9 @@
 //! Every decoder against truncated, flipped and random bytes.
 
 use device::crsf::{self, LinkStatistics, Route, TimingCorrection};
-use device::crtp::{self, ExternalPose, Packet, Setpoint, Supervisor};
+use device::crtp::{
+    self, ExternalPose, LogReply, LogRequest, LogType, LogVariables, Packet, Setpoint, Supervisor,
+};
 use device::mavlink::{
     self, AttitudeTarget, ChannelsOverride, Header, Heartbeat, Key, ManualControl, Message, ParamId,
     ParamSet, ParamValue, Signer, TimeSync, Timestamp,
@@ -85,6 +87,17 @@ fn crtp_vectors(vectors: &mut Vec<Vec<u8>>) {
         Packet::Null(&[]),
     ] {
         vectors.push(written(crtp::PACKET_BYTES_MAX, |out| packet.encode(out).unwrap()));
+    }
+    let variables = LogVariables::new(&[(LogType::F32, 7); 3]).unwrap();
+    for request in [LogRequest::Info, LogRequest::Create { block: 1, variables }] {
+        vectors.push(written(crtp::PACKET_BYTES_MAX, |out| request.encode(out).unwrap()));
+    }
+    for reply in [
+        LogReply::Info { count: 3, check: 4, blocks_max: 16, variables_max: 128 },
+        LogReply::Item { id: 2, kind: LogType::F32, group: b"pm", name: b"vbat" },
+        LogReply::Data { block: 1, time_ms: 1000, values: &[0, 0, 0x80, 0x3F] },
+    ] {
+        vectors.push(written(crtp::PACKET_BYTES_MAX, |out| reply.encode(out).unwrap()));
     }
 }
 

@@ -6,7 +6,7 @@
 //! under the checksum. Those are worked out here, from their definitions, not by the crate.
 
 use device::crsf::{self, Frame};
-use device::crtp::{self, Packet};
+use device::crtp::{self, LogReply, LogRequest, Packet};
 use device::mavlink;
 use device::natnet::{ModelDefinition, Request, ServerInfo, Version, message_number};
 use device::sbus::{self, FrameFinder};
@@ -252,6 +252,15 @@ pub fn crtp_packet(bytes: &[u8]) {
         if let Packet::Setpoint(setpoint) = packet {
             let _ = setpoint.rate_rad_s();
         }
+    }
+    let mut out = [0; crtp::PACKET_BYTES_MAX];
+    if let Ok(Some(request)) = LogRequest::decode(bytes) {
+        let length = request.encode(&mut out).expect("what was read can be written");
+        assert_eq!(LogRequest::decode(&out[..length]), Ok(Some(request)));
+    }
+    if let Ok(Some(reply)) = LogReply::decode(bytes) {
+        let length = reply.encode(&mut out).expect("what was read can be written");
+        assert_eq!(LogReply::decode(&out[..length]), Ok(Some(reply)));
     }
 }
 
