@@ -93,8 +93,12 @@ BODIES = {0x03: "<HQ", 0x04: "<HHQ", 0x05: "<H", 0x06: "<H", 0x07: "<", 0x08: "<
 BODIES |= {0x81: "<QBHHQHBBQQHBQB", 0x82: "<HQI", 0x83: "<HBIQB"}
 
 
+def is_whole(data):
+    return 4 <= len(data) <= 100 and struct.unpack("<H", data[-2:])[0] == crc16(data[:-2])
+
+
 def payload(data):
-    assert len(data) <= 100 and struct.unpack("<H", data[-2:])[0] == crc16(data[:-2]), data.hex()
+    assert is_whole(data), data.hex()
     kind, vehicle, body = data[0], data[1], data[2:-2]
     if kind == 0x02:
         set_id, first, number = struct.unpack("<HBB", body[:4])
@@ -140,7 +144,10 @@ def main(tx, rx, sent, telemetry):
         counts["sent"] += 1
     reports = []
     for data in xbee_frames(b"".join(bytes(line["body"]["bytes"]) for line in lines(rx) if line["body"]["port"] == 0)):
-        if data[0] == 0x81:
+        if data[0] == 0x81 and not is_whole(data[5:]):
+            # The simulated air bends one payload in 500, which the bridge must drop too.
+            counts["rx damaged"] += 1
+        elif data[0] == 0x81:
             kind, vehicle, fields = payload(data[5:])
             counts[f"rx {kind:02x}"] += 1
             if kind == 0x81:
@@ -154,6 +161,7 @@ def main(tx, rx, sent, telemetry):
         assert body["vehicle"] == vehicle and body["set_id"] == fields[3] and body["maneuver_id"] == fields[5]
         assert abs(body["battery_v"] - fields[2] / 1000) < 1e-6, (body, fields)
     assert not any(commands.values()) and counts["sent"] and counts["rx 81"], counts
+    assert counts["rx damaged"] * 50 < counts["rx 81"], counts
     print(", ".join(f"{count} {name}" for name, count in sorted(counts.items())))
 
 
