@@ -211,39 +211,33 @@ impl Devices {
 
     /// Refuses a fleet of which two devices would be in one place.
     pub(crate) fn check_fleet(&self, file: &str, fleet: &[FleetVehicle]) -> Result<(), ConfigError> {
-        let mut taken = vec![
-            ("devices.motion_capture.url".to_owned(), self.motion_capture.url.clone()),
-            ("devices.data_link.url".to_owned(), self.data_link.url.clone()),
-        ];
-        if taken[0].1 == taken[1].1 {
-            return Err(ConfigError::Contradiction {
-                file: file.to_owned(),
-                key: taken[1].0.clone(),
-                value: taken[1].1.to_string(),
-                other_key: taken[0].0.clone(),
-                other_value: taken[0].1.to_string(),
-                reason: "two devices cannot be in one place".to_owned(),
-            });
+        let clash =
+            |(key, value): (&str, String), (other_key, other_value): (&str, String), reason: String| {
+                let (file, key, other_key) = (file.to_owned(), key.to_owned(), other_key.to_owned());
+                Err(ConfigError::Contradiction { file, key, value, other_key, other_value, reason })
+            };
+        let capture = ("devices.motion_capture.url".to_owned(), self.motion_capture.url.clone());
+        let data_link = ("devices.data_link.url".to_owned(), self.data_link.url.clone());
+        if capture.1 == data_link.1 {
+            let (one, other) = (data_link.1.to_string(), capture.1.to_string());
+            let reason = "two devices cannot be in one place".to_owned();
+            return clash((&data_link.0, one), (&capture.0, other), reason);
         }
+        let mut taken = vec![capture, data_link];
         for member in fleet {
             let id = member.vehicle.id;
             let (key, pattern) = self.pattern_of(member.vehicle.links.radio);
-            let clash = |other_key: String, other_value: String, reason: String| ConfigError::Contradiction {
-                file: file.to_owned(),
-                key: key.to_owned(),
-                value: pattern.to_string(),
-                other_key,
-                other_value,
-                reason,
+            let url = match pattern.of_vehicle(id) {
+                Ok(url) => url,
+                Err(reason) => {
+                    return clash((key, pattern.to_string()), ("a vehicle's id", id.to_string()), reason);
+                }
             };
-            let url = pattern
-                .of_vehicle(id)
-                .map_err(|reason| clash("a vehicle's id".to_owned(), id.to_string(), reason))?;
             if let Some((other, place)) = taken.iter().find(|(_, place)| *place == url) {
                 let advice =
                     if pattern.is_one_per_vehicle() { "" } else { "; {id} stands for a vehicle's id" };
                 let reason = format!("that is where vehicle {id}'s radio is{advice}");
-                return Err(clash(other.clone(), place.to_string(), reason));
+                return clash((key, pattern.to_string()), (other, place.to_string()), reason);
             }
             taken.push((format!("the radio of vehicle {id}"), url));
         }
